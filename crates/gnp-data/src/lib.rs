@@ -1,0 +1,18 @@
+//! Highway recordings as columnar tracks, and windows as views into them.
+//!
+//! Everything here is in SI units and in one right-handed, travel-aligned road frame: x forward
+//! along the road, y to the left, the point is the centre of the vehicle's box. The last observed
+//! frame of a window is its origin. No value of a later frame can be reached through an
+//! [`Observation`].
+
+mod lookup;
+mod predictor;
+mod recording;
+mod velocity;
+mod window;
+
+pub use crate::predictor::{Explanation, Forecast, InformedPredictor, Mode, PredictError, Predictor, StepForces};
+pub use crate::recording::{
+    Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Slot, State, Track, VehicleClass,
+};
+pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey, WindowShape};

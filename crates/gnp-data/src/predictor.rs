@@ -1,0 +1,102 @@
+//! What predicts, and what it gives.
+
+use crate::recording::SLOTS;
+use crate::window::{Observation, Window};
+
+/// Anything that turns observed windows into futures: GNP, constant velocity, Kalman, IDM.
+///
+/// An [`Observation`] has no way to the recorded future, so neither has a `Predictor`.
+pub trait Predictor: Send + Sync {
+    /// Name in tables and files, such as `gnp` or `constant velocity`.
+    fn name(&self) -> &str;
+
+    /// One forecast a window, each with at most `k` modes, likeliest first.
+    ///
+    /// # Errors
+    /// When a window does not have the shape the predictor was made for, or the predictor fails.
+    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError>;
+}
+
+/// A predictor that is handed recorded futures (GNP with oracle neighbours, PiP with the true
+/// plan). Every number made with one is marked.
+pub trait InformedPredictor: Send + Sync {
+    /// Name in tables and files; says what it is informed of.
+    fn name(&self) -> &str;
+
+    /// As [`Predictor::predict`], with the recorded future in reach.
+    ///
+    /// # Errors
+    /// As [`Predictor::predict`].
+    fn predict_informed(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError>;
+}
+
+/// The futures of one window.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Forecast {
+    /// Likeliest first; probabilities sum to 1.
+    pub modes: Vec<Mode>,
+}
+
+/// One possible future.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mode {
+    /// Probability, 0 to 1.
+    pub probability: f32,
+    /// Centre in each predicted frame, m, window frame.
+    pub path: Vec<[f32; 2]>,
+    /// The forces that made the path, for predictors that have them.
+    pub explanation: Option<Explanation>,
+}
+
+/// Why a path is what it is: the goal, and the forces of each step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Explanation {
+    /// Where the vehicle is drawn to, m, window frame.
+    pub goal: [f32; 2],
+    /// One entry a predicted frame.
+    pub steps: Vec<StepForces>,
+}
+
+/// Forces of one step, as accelerations in m/s², and the parameters the networks gave.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StepForces {
+    /// Attraction of the goal.
+    pub goal: [f32; 2],
+    /// Repulsion of all neighbours together.
+    pub neighbours: [f32; 2],
+    /// Repulsion of all lane lines together.
+    pub lines: [f32; 2],
+    /// Repulsion of each neighbour slot; zero where nobody is.
+    pub by_slot: [[f32; 2]; SLOTS],
+    /// Relaxation time, s.
+    pub tau: f32,
+    /// Strength of each neighbour slot, m/s²; zero where nobody is.
+    pub k_slots: [f32; SLOTS],
+    /// Strength of each lane line, from right to left.
+    pub k_lines: Vec<f32>,
+}
+
+/// Why a predictor gave no forecast.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PredictError {
+    /// The windows are not what the predictor was made for.
+    #[error("{model} was made for {needs}, these windows have {found}")]
+    Shape {
+        /// Name of the predictor.
+        model: String,
+        /// What it needs: rate, frames.
+        needs: String,
+        /// What came.
+        found: String,
+    },
+    /// The predictor's own failure.
+    #[error("{model}: {source}")]
+    Model {
+        /// Name of the predictor.
+        model: String,
+        /// What failed.
+        #[source]
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+}

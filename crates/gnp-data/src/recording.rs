@@ -1,0 +1,262 @@
+//! One recording: every track of one file (or one period of a site), track-major, in SI units.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use crate::lookup::FrameIndex;
+
+/// The data family a recording belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Dataset {
+    /// US-101 and I-80, feet, 10 Hz (United States Department of Transportation).
+    Ngsim,
+    /// German motorways from a drone, metres, 25 Hz (and anything in its file layout).
+    HighD,
+}
+
+/// What a vehicle is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VehicleClass {
+    /// NGSIM class 1.
+    Motorcycle,
+    /// highD `Car`, NGSIM class 2; vans as well.
+    Car,
+    /// highD `Truck`, NGSIM class 3; buses as well.
+    Truck,
+}
+
+/// Whether a lane line may be crossed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LineKind {
+    /// The edge of the carriageway.
+    Boundary,
+    /// A line between two lanes.
+    Centre,
+}
+
+/// A lane line of a straight road.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LaneLine {
+    /// Edge or line between lanes.
+    pub kind: LineKind,
+    /// Lateral position in m, growing to the left of travel.
+    pub y: f32,
+}
+
+/// A carriageway: the lanes of one driving direction.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Road {
+    /// `drivingDirection` of highD (1 or 2); 2 where the data has a single direction.
+    pub driving_direction: u8,
+    /// Lines from right to left, that is with growing `y`.
+    pub lines: Vec<LaneLine>,
+    /// Whether `lines` were fitted from lane numbers and positions instead of being given.
+    pub fitted: bool,
+}
+
+/// Where a recording comes from and how it was sampled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordingMeta {
+    /// The data family.
+    pub dataset: Dataset,
+    /// Site, lower case: `us-101`, `i-80`, `highd-2` (highD's `locationId`).
+    pub site: String,
+    /// Name of the recording, unique in its dataset: file stem, period or number.
+    pub name: String,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Made by a simulator: must be said wherever a number made from it appears.
+    pub simulated: bool,
+}
+
+/// A gap-free stretch of one vehicle. A vehicle with a gap has several, numbered by `segment`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Track {
+    /// Identifier in the file; unique in a recording together with `segment`.
+    pub vehicle: u32,
+    /// 0 for the first gap-free stretch of this vehicle, 1 for the next, ...
+    pub segment: u16,
+    /// Index of its carriageway in [`Recording::roads`].
+    pub road: u16,
+    /// Kind of vehicle.
+    pub class: VehicleClass,
+    /// Extent along the road, in m.
+    pub length: f32,
+    /// Extent across the road, in m.
+    pub width: f32,
+    /// Frame number of the first row.
+    pub first_frame: u32,
+    /// Rows of this track in the columns, one a frame without a gap.
+    pub rows: Range<usize>,
+}
+
+impl Track {
+    /// Frame number of the last row.
+    #[must_use]
+    pub fn last_frame(&self) -> u32 {
+        self.first_frame + self.rows.len().saturating_sub(1) as u32
+    }
+
+    /// Row of `frame`, if the track is present in it.
+    #[must_use]
+    pub fn row_at(&self, frame: u32) -> Option<usize> {
+        let row = self.rows.start + frame.checked_sub(self.first_frame)? as usize;
+        (row < self.rows.end).then_some(row)
+    }
+}
+
+/// Position and velocity of a vehicle's centre.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// Forward, m.
+    pub x: f32,
+    /// To the left, m.
+    pub y: f32,
+    /// Forward, m/s.
+    pub vx: f32,
+    /// To the left, m/s.
+    pub vy: f32,
+}
+
+/// The eight neighbour slots, in the order of every array that has them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(missing_docs)] // the names say it
+pub enum Slot {
+    Preceding,
+    Following,
+    LeftPreceding,
+    LeftAlongside,
+    LeftFollowing,
+    RightPreceding,
+    RightAlongside,
+    RightFollowing,
+}
+
+/// Number of neighbour slots.
+pub const SLOTS: usize = 8;
+
+impl Slot {
+    /// All slots, in order.
+    pub const ALL: [Self; SLOTS] = [
+        Self::Preceding,
+        Self::Following,
+        Self::LeftPreceding,
+        Self::LeftAlongside,
+        Self::LeftFollowing,
+        Self::RightPreceding,
+        Self::RightAlongside,
+        Self::RightFollowing,
+    ];
+
+    /// The slot seen in a mirror along the road: left and right change places.
+    #[must_use]
+    pub fn mirrored(self) -> Self {
+        match self {
+            Self::Preceding => Self::Preceding,
+            Self::Following => Self::Following,
+            Self::LeftPreceding => Self::RightPreceding,
+            Self::LeftAlongside => Self::RightAlongside,
+            Self::LeftFollowing => Self::RightFollowing,
+            Self::RightPreceding => Self::LeftPreceding,
+            Self::RightAlongside => Self::LeftAlongside,
+            Self::RightFollowing => Self::LeftFollowing,
+        }
+    }
+}
+
+/// No track in a slot of [`Columns::neighbours`].
+pub(crate) const NOBODY: u32 = u32::MAX;
+
+/// The rows of all tracks, one vector a quantity; row `i` of every vector is the same instant.
+///
+/// Positions are of the **centre of the box** in the travel-aligned road frame of the track's own
+/// carriageway: x forward, y to the left, m. `neighbours` holds track indices, `u32::MAX` for none.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Columns {
+    /// Centre, forward, m.
+    pub x: Vec<f32>,
+    /// Centre, to the left, m.
+    pub y: Vec<f32>,
+    /// Velocity forward, m/s. May use the next frame: see `Observation` for the last observed one.
+    pub vx: Vec<f32>,
+    /// Velocity to the left, m/s.
+    pub vy: Vec<f32>,
+    /// Lane number of the file; 0 where unknown.
+    pub lane: Vec<i16>,
+    /// Track in each of the eight slots at this row.
+    pub neighbours: Vec<[u32; SLOTS]>,
+}
+
+/// One recording, immutable once built; windows are views into it.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    pub(crate) meta: RecordingMeta,
+    pub(crate) roads: Vec<Road>,
+    pub(crate) tracks: Vec<Track>,
+    pub(crate) columns: Columns,
+    pub(crate) frames: FrameIndex,
+}
+
+impl Recording {
+    /// Where it comes from.
+    #[must_use]
+    pub fn meta(&self) -> &RecordingMeta {
+        &self.meta
+    }
+
+    /// The carriageways.
+    #[must_use]
+    pub fn roads(&self) -> &[Road] {
+        &self.roads
+    }
+
+    /// The gap-free tracks, by vehicle and segment.
+    #[must_use]
+    pub fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    /// The rows.
+    #[must_use]
+    pub fn columns(&self) -> &Columns {
+        &self.columns
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.columns.x.len()
+    }
+
+    /// Whether there is no row.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.columns.x.is_empty()
+    }
+
+    /// Tracks present in `frame`, in the order of [`Recording::tracks`].
+    #[must_use]
+    pub fn present(&self, frame: u32) -> &[u32] {
+        self.frames.present(frame)
+    }
+
+    /// State in a row, road frame. For the velocity of the last observed frame take
+    /// [`Recording::state_one_sided`].
+    #[must_use]
+    pub fn state(&self, row: usize) -> State {
+        let c = &self.columns;
+        State { x: c.x[row], y: c.y[row], vx: c.vx[row], vy: c.vy[row] }
+    }
+
+    /// Track in `slot` at `row`.
+    #[must_use]
+    pub fn neighbour(&self, row: usize, slot: usize) -> Option<usize> {
+        let track = self.columns.neighbours[row][slot];
+        (track != NOBODY).then_some(track as usize)
+    }
+}

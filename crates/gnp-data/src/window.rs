@@ -1,0 +1,328 @@
+//! Windows: a target vehicle's observed past and its future, as views into a recording.
+
+use serde::{Deserialize, Serialize};
+
+use crate::recording::{LaneLine, Recording, SLOTS, State, Track};
+
+/// The shape of a window.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WindowShape {
+    /// Observed frames, the last one included: a full 3 s is 31 at 10 Hz.
+    pub observed: usize,
+    /// Predicted frames: 5 s is 50 at 10 Hz.
+    pub predicted: usize,
+    /// Recorded frames from one frame of a window to the next: explicit resampling by whole steps.
+    pub step: usize,
+    /// Rate of the window's frames in Hz: that of the recording divided by `step`.
+    pub rate_hz: f64,
+}
+
+impl WindowShape {
+    /// Period of the window's frames, s.
+    #[must_use]
+    pub fn dt(&self) -> f64 {
+        1. / self.rate_hz
+    }
+}
+
+/// Names a window among recordings: the key of every prediction and score.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct WindowKey {
+    /// Name of the recording.
+    pub recording: String,
+    /// Vehicle of the file.
+    pub vehicle: u32,
+    /// Gap-free stretch of that vehicle.
+    pub segment: u16,
+    /// Frame number of the last observed frame.
+    pub t0: u32,
+}
+
+/// A window by index: recording of a set, track of that recording, last observed row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct WindowId {
+    /// Index of the recording in its set.
+    pub recording: u32,
+    /// Index of the target's track.
+    pub track: u32,
+    /// Row of the last observed frame.
+    pub row: u32,
+}
+
+/// Everything a predictor may see of a window: nothing recorded after the last observed frame.
+///
+/// Positions are in the window's frame: the road frame moved so that the target's last observed
+/// centre is the origin.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation<'a> {
+    recording: &'a Recording,
+    shape: WindowShape,
+    track: usize,
+    row: usize,
+}
+
+/// What really happened after the last observed frame. Scoring and training take it; a
+/// [`Predictor`](crate::Predictor) is never handed one.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth<'a> {
+    observation: Observation<'a>,
+}
+
+/// A window: an [`Observation`] and its [`Truth`].
+#[derive(Clone, Copy, Debug)]
+pub struct Window<'a> {
+    observation: Observation<'a>,
+}
+
+impl<'a> Window<'a> {
+    /// The view of `track` of `recording` whose last observed row is `row`; `None` when the track
+    /// does not hold all observed and predicted frames.
+    #[must_use]
+    pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Option<Self> {
+        let observation = Observation::new(recording, shape, track, row)?;
+        let rows = &recording.tracks()[track].rows;
+        (row + shape.predicted * shape.step < rows.end).then_some(Self { observation })
+    }
+
+    /// What may be seen.
+    #[must_use]
+    pub fn observation(&self) -> Observation<'a> {
+        self.observation
+    }
+
+    /// What happened.
+    #[must_use]
+    pub fn truth(&self) -> Truth<'a> {
+        Truth { observation: self.observation }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn key(&self) -> WindowKey {
+        self.observation.key()
+    }
+}
+
+impl<'a> Observation<'a> {
+    /// The view of `track` whose last observed row is `row`; `None` when the track does not hold
+    /// all observed frames. No future is needed: this is what online use builds.
+    #[must_use]
+    pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Option<Self> {
+        let rows = &recording.tracks().get(track)?.rows;
+        let first = row.checked_sub(shape.observed.checked_sub(1)? * shape.step)?;
+        (first >= rows.start && row < rows.end).then_some(Self { recording, shape, track, row })
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn key(&self) -> WindowKey {
+        let track = self.track();
+        WindowKey {
+            recording: self.recording.meta().name.clone(),
+            vehicle: track.vehicle,
+            segment: track.segment,
+            t0: self.frame(),
+        }
+    }
+
+    /// The window's shape.
+    #[must_use]
+    pub fn shape(&self) -> WindowShape {
+        self.shape
+    }
+
+    /// The target's track: class, length, width. Its rows reach into the future; do not follow them.
+    #[must_use]
+    pub(crate) fn track(&self) -> &'a Track {
+        &self.recording.tracks()[self.track]
+    }
+
+    /// Index of the target's track in its recording.
+    #[must_use]
+    pub fn track_index(&self) -> usize {
+        self.track
+    }
+
+    /// Site of the recording.
+    #[must_use]
+    pub fn site(&self) -> &'a str {
+        &self.recording.meta().site
+    }
+
+    /// Name of the recording.
+    #[must_use]
+    pub fn recording_name(&self) -> &'a str {
+        &self.recording.meta().name
+    }
+
+    /// Frame number of the last observed frame.
+    #[must_use]
+    pub fn frame(&self) -> u32 {
+        let track = self.track();
+        track.first_frame + (self.row - track.rows.start) as u32
+    }
+
+    /// The window's origin in the road frame: the target's last observed centre, m.
+    #[must_use]
+    pub fn origin(&self) -> [f32; 2] {
+        let state = self.recording.state(self.row);
+        [state.x, state.y]
+    }
+
+    /// Length and width of the target, m.
+    #[must_use]
+    pub fn size(&self) -> [f32; 2] {
+        let track = self.track();
+        [track.length, track.width]
+    }
+
+    /// State of the target in observed frame `i` of `0..observed`, window frame. The velocity of
+    /// the last one is one-sided.
+    #[must_use]
+    pub fn target(&self, i: usize) -> State {
+        self.state_of(self.track, i).unwrap_or_default()
+    }
+
+    /// Lane number of the target at the last observed frame; 0 where unknown.
+    #[must_use]
+    pub fn lane(&self) -> i16 {
+        self.recording.columns().lane[self.row]
+    }
+
+    /// The vehicle in neighbour slot `slot` of `0..8` at the last observed frame.
+    #[must_use]
+    pub fn neighbour(&self, slot: usize) -> Option<Neighbour<'a>> {
+        let track = self.recording.neighbour(self.row, slot)?;
+        Some(Neighbour { observation: *self, track })
+    }
+
+    /// Neighbours by slot.
+    #[must_use]
+    pub fn neighbours(&self) -> [Option<Neighbour<'a>>; SLOTS] {
+        std::array::from_fn(|slot| self.neighbour(slot))
+    }
+
+    /// Every other vehicle of the target's carriageway present at the last observed frame.
+    pub fn others(&self) -> impl Iterator<Item = Neighbour<'a>> + use<'a> {
+        let this = *self;
+        let road = this.track().road;
+        this.recording.present(this.frame()).iter().map(|track| *track as usize).filter_map(move |track| {
+            let same_road = this.recording.tracks()[track].road == road;
+            (track != this.track && same_road).then_some(Neighbour { observation: this, track })
+        })
+    }
+
+    /// Lane lines from right to left, in the window's frame.
+    pub fn lines(&self) -> impl ExactSizeIterator<Item = LaneLine> + use<'a> {
+        let y0 = self.origin()[1];
+        let road = usize::from(self.track().road);
+        self.recording.roads()[road].lines.iter().map(move |line| LaneLine { y: line.y - y0, ..*line })
+    }
+
+    /// State of `track` in observed frame `i`, window frame; `None` where it is absent.
+    fn state_of(&self, track: usize, i: usize) -> Option<State> {
+        let last = self.shape.observed - 1;
+        let back = (last.checked_sub(i)? * self.shape.step) as u32;
+        let frame = self.frame().checked_sub(back)?;
+        let row = self.recording.tracks()[track].row_at(frame)?;
+        let state = if back == 0 { self.recording.state_one_sided(track, row) } else { self.recording.state(row) };
+        let [x0, y0] = self.origin();
+        Some(State { x: state.x - x0, y: state.y - y0, ..state })
+    }
+}
+
+/// A vehicle near the target, seen up to the target's last observed frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Neighbour<'a> {
+    observation: Observation<'a>,
+    track: usize,
+}
+
+impl<'a> Neighbour<'a> {
+    /// State in observed frame `i` of `0..observed`, in the **target's** window frame; `None`
+    /// where it is absent.
+    #[must_use]
+    pub fn state(&self, i: usize) -> Option<State> {
+        self.observation.state_of(self.track, i)
+    }
+
+    /// State at the target's last observed frame, in the target's window frame.
+    #[must_use]
+    pub fn now(&self) -> State {
+        self.state(self.observation.shape.observed - 1).unwrap_or_default()
+    }
+
+    /// Its own observation at the same frame, if its track is long enough: what predicts it in turn.
+    #[must_use]
+    pub fn observation(&self) -> Option<Observation<'a>> {
+        let this = &self.observation;
+        let row = this.recording.tracks()[self.track].row_at(this.frame())?;
+        Observation::new(this.recording, this.shape, self.track, row)
+    }
+
+    /// Index of its track in the recording.
+    #[must_use]
+    pub fn track_index(&self) -> usize {
+        self.track
+    }
+
+    /// Vehicle of the file.
+    #[must_use]
+    pub fn vehicle(&self) -> u32 {
+        self.observation.recording.tracks()[self.track].vehicle
+    }
+
+    /// Length and width, m.
+    #[must_use]
+    pub fn size(&self) -> [f32; 2] {
+        let track = &self.observation.recording.tracks()[self.track];
+        [track.length, track.width]
+    }
+}
+
+impl Truth<'_> {
+    /// State of the target in predicted frame `j` of `0..predicted`, window frame.
+    #[must_use]
+    pub fn target(&self, j: usize) -> State {
+        self.state_of(self.observation.track, j).unwrap_or_default()
+    }
+
+    /// Position in the last predicted frame, m, window frame: the true goal.
+    #[must_use]
+    pub fn goal(&self) -> [f32; 2] {
+        let end = self.target(self.observation.shape.predicted - 1);
+        [end.x, end.y]
+    }
+
+    /// Recorded state of the vehicle in `slot` in predicted frame `j`; `None` where it is absent.
+    #[must_use]
+    pub fn neighbour(&self, slot: usize, j: usize) -> Option<State> {
+        let track = self.observation.recording.neighbour(self.observation.row, slot)?;
+        self.state_of(track, j)
+    }
+
+    /// Boxes (state, length and width) of all other vehicles of the carriageway in predicted
+    /// frame `j`.
+    pub fn others(&self, j: usize) -> impl Iterator<Item = (State, [f32; 2])> {
+        self.observation.others().filter_map(move |other| {
+            let state = self.state_of(other.track_index(), j)?;
+            Some((state, other.size()))
+        })
+    }
+
+    /// Lane number in predicted frame `j`; 0 where unknown.
+    #[must_use]
+    pub fn lane(&self, j: usize) -> i16 {
+        let o = &self.observation;
+        o.recording.columns().lane[o.row + (j + 1) * o.shape.step]
+    }
+
+    fn state_of(&self, track: usize, j: usize) -> Option<State> {
+        let o = &self.observation;
+        let frame = o.frame() + ((j + 1) * o.shape.step) as u32;
+        let row = o.recording.tracks()[track].row_at(frame)?;
+        let state = o.recording.state(row);
+        let [x0, y0] = o.origin();
+        Some(State { x: state.x - x0, y: state.y - y0, ..state })
+    }
+}

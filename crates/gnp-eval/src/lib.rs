@@ -1,0 +1,1 @@
+//! Metrics, protocols, bootstrap, score tables and prediction files.

@@ -1,0 +1,1 @@
+//! Social-force physics for vehicles: potentials, forces, integrators.

@@ -1,0 +1,1 @@
+//! Goal prediction: a transformer over intention modes.

@@ -1,0 +1,1 @@
+//! GNP as one predictor: windows to features, goals, paths and forces; checkpoints.

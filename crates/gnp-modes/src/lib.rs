@@ -1,0 +1,1 @@
+//! Intention modes: rigidly normalised futures, clustered.

@@ -1,0 +1,1 @@
+//! Training of goals, attraction and repulsion.

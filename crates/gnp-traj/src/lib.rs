@@ -1,0 +1,1 @@
+//! Neural social force: networks that set the parameters of the physics, and the roll-out.
