@@ -5,13 +5,21 @@
 //! frame of a window is its origin. No value of a later frame can be reached through an
 //! [`Observation`].
 
+mod cache;
+mod error;
 mod lookup;
+mod parts;
 mod predictor;
+mod quality;
+mod reader;
 mod recording;
 mod velocity;
 mod window;
 
+pub use crate::error::DataError;
 pub use crate::predictor::{Explanation, Forecast, InformedPredictor, Mode, PredictError, Predictor, StepForces};
+pub use crate::quality::{JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality};
+pub use crate::reader::{Expectation, Source, discover, read};
 pub use crate::recording::{
     Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Slot, State, Track, VehicleClass,
 };

@@ -1,0 +1,126 @@
+//! Recordings kept in one file: a JSON header and raw little-endian columns, under a checksum.
+//!
+//! ```text
+//! magic "GNPREC\r\n" | version u32 | sha256 of the rest, 32 bytes | header length u64 | header JSON | columns
+//! ```
+//! All numbers are little-endian. The columns are x, y, vx, vy (f32), lane (i16) and the eight
+//! neighbours (u32), one after the other; a row takes 50 bytes, less than half of its line of CSV.
+
+use std::io::Write as _;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+use crate::error::DataError;
+use crate::recording::{Columns, Recording, RecordingMeta, Road, SLOTS, Track};
+
+const MAGIC: &[u8; 8] = b"GNPREC\r\n";
+const VERSION: u32 = 1;
+/// Bytes before the header: magic, version, checksum, header length.
+const PREFIX: usize = 8 + 4 + 32 + 8;
+const ROW: usize = 4 * 4 + 2 + SLOTS * 4;
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    meta: RecordingMeta,
+    roads: Vec<Road>,
+    tracks: Vec<Track>,
+    rows: usize,
+}
+
+impl Recording {
+    /// Writes the recording to `path`, under a temporary name first.
+    ///
+    /// # Errors
+    /// [`DataError::Io`] when the folder cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), DataError> {
+        let io = |source| DataError::Io { file: path.into(), source };
+        let header = Header {
+            meta: self.meta.clone(),
+            roads: self.roads.clone(),
+            tracks: self.tracks.clone(),
+            rows: self.len(),
+        };
+        let header = serde_json::to_vec(&header).map_err(|e| io(e.into()))?;
+        let mut body = Vec::with_capacity(8 + header.len() + ROW * self.len());
+        body.extend_from_slice(&(header.len() as u64).to_le_bytes());
+        body.extend_from_slice(&header);
+        let c = &self.columns;
+        for column in [&c.x, &c.y, &c.vx, &c.vy] {
+            body.extend(column.iter().flat_map(|value| value.to_le_bytes()));
+        }
+        body.extend(c.lane.iter().flat_map(|value| value.to_le_bytes()));
+        body.extend(c.neighbours.iter().flatten().flat_map(|value| value.to_le_bytes()));
+
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let mut file = tempfile::NamedTempFile::new_in(folder).map_err(io)?;
+        file.write_all(MAGIC).map_err(io)?;
+        file.write_all(&VERSION.to_le_bytes()).map_err(io)?;
+        file.write_all(&Sha256::digest(&body)).map_err(io)?;
+        file.write_all(&body).map_err(io)?;
+        file.persist(path).map_err(|e| io(e.error))?;
+        Ok(())
+    }
+
+    /// Reads a recording that [`Recording::save`] wrote.
+    ///
+    /// # Errors
+    /// [`DataError::Io`] when the file cannot be read, [`DataError::Cache`] when it is foreign, of
+    /// another version, truncated or changed.
+    pub fn load(path: &Path) -> Result<Self, DataError> {
+        let bytes = std::fs::read(path).map_err(|source| DataError::Io { file: path.into(), source })?;
+        parse(&bytes).map_err(|reason| DataError::Cache { file: path.into(), reason })
+    }
+}
+
+fn parse(bytes: &[u8]) -> Result<Recording, String> {
+    if bytes.get(..8) != Some(MAGIC.as_slice()) {
+        return Err("not a recording kept by this program".into());
+    }
+    if bytes.len() < PREFIX {
+        return Err("the file is truncated".into());
+    }
+    let version = u32::from_le_bytes(array(&bytes[8..]));
+    if version != VERSION {
+        return Err(format!("the file has format version {version}, this program reads {VERSION}"));
+    }
+    let body = &bytes[44..];
+    if Sha256::digest(body).as_slice() != &bytes[12..44] {
+        return Err("the checksum does not fit: the file is truncated or changed".into());
+    }
+    let length = u64::from_le_bytes(array(body)) as usize;
+    let rest = &body[8..];
+    let header = rest.get(..length).ok_or("the header is longer than the file")?;
+    let header: Header = serde_json::from_slice(header).map_err(|e| format!("the header cannot be read: {e}"))?;
+    let data = &rest[length..];
+    if header.rows.checked_mul(ROW) != Some(data.len()) {
+        return Err(format!("{} bytes of columns do not make {} rows", data.len(), header.rows));
+    }
+    let rows = header.rows;
+    let (floats, data) = data.split_at(rows * 16);
+    let (lanes, neighbours) = data.split_at(rows * 2);
+    let float =
+        |i: usize| floats[i * rows * 4..(i + 1) * rows * 4].chunks_exact(4).map(|b| f32::from_le_bytes(array(b)));
+    let columns = Columns {
+        x: float(0).collect(),
+        y: float(1).collect(),
+        vx: float(2).collect(),
+        vy: float(3).collect(),
+        lane: lanes.chunks_exact(2).map(|b| i16::from_le_bytes(array(b))).collect(),
+        neighbours: neighbours
+            .chunks_exact(SLOTS * 4)
+            .map(|row| std::array::from_fn(|slot| u32::from_le_bytes(array(&row[slot * 4..]))))
+            .collect(),
+    };
+    Recording::from_parts(header.meta, header.roads, header.tracks, columns).map_err(|e| e.to_string())
+}
+
+/// The first `N` bytes of a slice that is at least as long.
+fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    std::array::from_fn(|i| bytes[i])
+}

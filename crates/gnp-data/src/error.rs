@@ -1,0 +1,201 @@
+//! What can be wrong with recordings, and what to do about it.
+
+use std::path::PathBuf;
+
+/// Why recordings could not be found, read, checked, cut or kept. Every message names the file, the
+/// line or the column where there is one, and the remedy.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DataError {
+    /// The file system refused.
+    #[error("{}: {source}; check that the path exists and may be read and written", file.display())]
+    Io {
+        /// The file or folder.
+        file: PathBuf,
+        /// What the system said.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A `.gz` that ends early or is not gzip.
+    #[error("{}: the gzip stream is broken ({reason}); copy or download the file again", file.display())]
+    Gzip {
+        /// The file.
+        file: PathBuf,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// A folder without anything to read.
+    #[error("{}: no recordings found ({seen}); expected {expected}", folder.display())]
+    NoRecordings {
+        /// The folder or file that was searched.
+        folder: PathBuf,
+        /// What would have been accepted.
+        expected: &'static str,
+        /// What was there instead.
+        seen: String,
+    },
+    /// A table without one of its columns.
+    #[error("{}, line 1: column `{column}` is missing (the header has: {found}); restore the column from the original download", file.display())]
+    MissingColumn {
+        /// The table.
+        file: PathBuf,
+        /// The column that is not there.
+        column: String,
+        /// The columns that are.
+        found: String,
+    },
+    /// Fields separated by the wrong character.
+    #[error("{}, line 1: fields are separated by {found:?}; save the table with {expected}", file.display())]
+    Delimiter {
+        /// The table.
+        file: PathBuf,
+        /// What separates its fields.
+        found: char,
+        /// What should.
+        expected: &'static str,
+    },
+    /// A line with too few or too many fields.
+    #[error("{}, line {line}: {found} fields where {expected} are due; repair the line or download the file again", file.display())]
+    FieldCount {
+        /// The table.
+        file: PathBuf,
+        /// Line, the first being 1.
+        line: u64,
+        /// Fields on the line.
+        found: usize,
+        /// Fields every line must have.
+        expected: usize,
+    },
+    /// A value that cannot be what its column says.
+    #[error("{}, line {line}, column `{column}`: {value:?} {reason}", file.display())]
+    Value {
+        /// The table.
+        file: PathBuf,
+        /// Line, the first being 1.
+        line: u64,
+        /// Column.
+        column: String,
+        /// The text of the field.
+        value: String,
+        /// What is wrong with it and what to do.
+        reason: String,
+    },
+    /// Frames of one vehicle run backwards.
+    #[error(
+        "{}, line {line}, column `{column}`: frame {frame} of vehicle {vehicle} comes after its frame {previous}; \
+         sort the rows by vehicle and frame, or take the original file", file.display()
+    )]
+    FrameOrder {
+        /// The table.
+        file: PathBuf,
+        /// Line of the earlier frame, the first line being 1.
+        line: u64,
+        /// The frame column.
+        column: String,
+        /// Vehicle.
+        vehicle: u32,
+        /// Frame of this line.
+        frame: u32,
+        /// Frame of the vehicle's row before it.
+        previous: u32,
+    },
+    /// Lane markings that are not numbers separated by `;`.
+    #[error(
+        "{}, line {line}, column `{column}`: lane markings {value:?} {reason}; \
+         they must be lateral positions in m, two or more, growing, separated by `;`", file.display()
+    )]
+    Markings {
+        /// The recording's meta file.
+        file: PathBuf,
+        /// Line, the first being 1.
+        line: u64,
+        /// `upperLaneMarkings` or `lowerLaneMarkings`.
+        column: String,
+        /// The text of the field.
+        value: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Numbers that can only come from another unit.
+    #[error("{}, {place}: {what}; {remedy}", file.display())]
+    Unit {
+        /// The table.
+        file: PathBuf,
+        /// Line and column, as far as they are known.
+        place: String,
+        /// What cannot be, with its number.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A recording sampled at another rate than the configuration expects.
+    #[error(
+        "{}: recording {recording} has {found_hz} frames per second, the configuration expects {expected_hz}; \
+         change the expected rate or take other data", file.display()
+    )]
+    Rate {
+        /// The file that states the rate.
+        file: PathBuf,
+        /// Name of the recording.
+        recording: String,
+        /// Rate of the recording, Hz.
+        found_hz: f64,
+        /// Rate the configuration expects, Hz.
+        expected_hz: f64,
+    },
+    /// One of highD's three files is absent.
+    #[error("{}: its {partner} file is not beside it; put the three files of a recording into one folder", file.display())]
+    MissingPartner {
+        /// A file of the recording that is there.
+        file: PathBuf,
+        /// The one that is not.
+        partner: &'static str,
+    },
+    /// Rows of a vehicle the meta file does not list.
+    #[error(
+        "{}, line {line}, column `{column}`: vehicle {vehicle} is not in {}; take both files from one download",
+        file.display(), meta.display()
+    )]
+    UnknownVehicle {
+        /// The tracks file.
+        file: PathBuf,
+        /// First line of the vehicle.
+        line: u64,
+        /// The id column.
+        column: String,
+        /// Vehicle.
+        vehicle: u32,
+        /// The file that should list it.
+        meta: PathBuf,
+    },
+    /// A table without rows.
+    #[error("{}: the table has no rows; download the file again", file.display())]
+    Empty {
+        /// The table.
+        file: PathBuf,
+    },
+    /// A table polars rejects and in which nothing wrong was found line by line.
+    #[error("{}: the table cannot be read ({reason}); compare it with the original download", file.display())]
+    Table {
+        /// The table.
+        file: PathBuf,
+        /// What the reader said.
+        reason: String,
+    },
+    /// Parts that do not make a recording.
+    #[error("recording {recording}: {reason}")]
+    Parts {
+        /// Name of the recording.
+        recording: String,
+        /// What does not fit, with track, row and column.
+        reason: String,
+    },
+    /// A file that is not a whole, unchanged recording of this program.
+    #[error("{}: {reason}; delete the file and ingest the recording again", file.display())]
+    Cache {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+}

@@ -1,0 +1,117 @@
+//! A recording from its parts, checked.
+
+use crate::error::DataError;
+use crate::lookup::FrameIndex;
+use crate::recording::{Columns, NOBODY, Recording, RecordingMeta, Road, Track};
+
+/// Longest span of frames a recording may have: a day at 100 Hz. The frame index is as long.
+const MAX_FRAMES: u32 = 8_640_000;
+
+impl Recording {
+    /// A recording of `tracks` sorted by (vehicle, segment), whose rows follow one another in
+    /// `columns` without a hole.
+    ///
+    /// # Errors
+    /// [`DataError::Parts`] when the name is empty, the rate is not positive, columns differ in
+    /// length, tracks do not cover the rows in order, a track names a carriageway that is not
+    /// there, a size is not positive, lines do not grow, a value is not finite, or a neighbour is
+    /// not a track that is present in that frame.
+    pub fn from_parts(
+        meta: RecordingMeta,
+        roads: Vec<Road>,
+        tracks: Vec<Track>,
+        columns: Columns,
+    ) -> Result<Self, DataError> {
+        let fail = |reason: String| DataError::Parts { recording: meta.name.clone(), reason };
+        check_meta(&meta).map_err(fail)?;
+        check_roads(&roads).map_err(fail)?;
+        check_tracks(&tracks, roads.len(), columns.x.len()).map_err(fail)?;
+        check_columns(&columns, &tracks).map_err(fail)?;
+        let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
+        let frames = FrameIndex::new(&spans);
+        Ok(Self { meta, roads, tracks, columns, frames })
+    }
+}
+
+fn check_meta(meta: &RecordingMeta) -> Result<(), String> {
+    if meta.name.is_empty() {
+        return Err("the name is empty; give every recording a name".into());
+    }
+    if !(meta.rate_hz.is_finite() && meta.rate_hz > 0.) {
+        return Err(format!("rate {} Hz; it must be positive", meta.rate_hz));
+    }
+    Ok(())
+}
+
+fn check_roads(roads: &[Road]) -> Result<(), String> {
+    for (r, road) in roads.iter().enumerate() {
+        let grow = road.lines.windows(2).all(|pair| pair[0].y < pair[1].y);
+        if !grow || road.lines.iter().any(|line| !line.y.is_finite()) {
+            return Err(format!("the lines of carriageway {r} must be finite and grow in y"));
+        }
+    }
+    Ok(())
+}
+
+fn check_tracks(tracks: &[Track], roads: usize, rows: usize) -> Result<(), String> {
+    let mut end = 0;
+    for (t, track) in tracks.iter().enumerate() {
+        let Track { vehicle, segment, .. } = track;
+        if track.rows.start != end || track.rows.is_empty() {
+            return Err(format!("track {t} has rows {:?}; they must follow row {end} and not be empty", track.rows));
+        }
+        end = track.rows.end;
+        if t > 0 && (tracks[t - 1].vehicle, tracks[t - 1].segment) >= (*vehicle, *segment) {
+            return Err(format!("track {t} (vehicle {vehicle}, segment {segment}) is out of order; sort the tracks"));
+        }
+        if usize::from(track.road) >= roads {
+            return Err(format!("vehicle {vehicle} is on carriageway {}, there are {roads}", track.road));
+        }
+        let positive = |size: f32| size.is_finite() && size > 0.;
+        if !positive(track.length) || !positive(track.width) {
+            return Err(format!(
+                "vehicle {vehicle} is {} m long and {} m wide; both must be positive",
+                track.length, track.width
+            ));
+        }
+        if u32::try_from(track.rows.len()).ok().and_then(|n| track.first_frame.checked_add(n)).is_none() {
+            return Err(format!("vehicle {vehicle} has frames beyond {}", u32::MAX));
+        }
+    }
+    if end != rows {
+        return Err(format!("the tracks cover {end} rows of {rows}"));
+    }
+    let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
+    let last = tracks.iter().map(Track::last_frame).max().unwrap_or(0);
+    if last - first > MAX_FRAMES {
+        return Err(format!("frames {first} to {last} are more than {MAX_FRAMES} apart; check the frame column"));
+    }
+    Ok(())
+}
+
+fn check_columns(columns: &Columns, tracks: &[Track]) -> Result<(), String> {
+    let rows = columns.x.len();
+    let lengths = [columns.y.len(), columns.vx.len(), columns.vy.len(), columns.lane.len(), columns.neighbours.len()];
+    if lengths.iter().any(|n| *n != rows) {
+        return Err(format!("columns y, vx, vy, lane, neighbours have {lengths:?} rows where x has {rows}"));
+    }
+    for (name, column) in [("x", &columns.x), ("y", &columns.y), ("vx", &columns.vx), ("vy", &columns.vy)] {
+        if let Some(row) = column.iter().position(|value| !value.is_finite()) {
+            return Err(format!("column {name}, row {row} is {}; it must be finite", column[row]));
+        }
+    }
+    for (t, track) in tracks.iter().enumerate() {
+        for row in track.rows.clone() {
+            let frame = track.first_frame + (row - track.rows.start) as u32;
+            for neighbour in columns.neighbours[row].iter().filter(|n| **n != NOBODY) {
+                let there = tracks.get(*neighbour as usize).and_then(|other| other.row_at(frame));
+                if there.is_none() || *neighbour as usize == t {
+                    return Err(format!(
+                        "row {row} names track {neighbour} as neighbour, which is not another one in its frame"
+                    ));
+                }
+            }
+        }
+    }
+    Ok(())
+}
