@@ -1,0 +1,257 @@
+//! The roll-out as a graph of candle operations: the reference for every other form of it.
+
+use candle_core::{Module, Result, Tensor};
+use candle_nn::ops::sigmoid;
+use gnp_nn::{LstmState, Mlp};
+
+use crate::network::{Front, SocialForce, strength};
+use crate::scene::Sizes;
+use crate::{Integrator, NeighbourStates, Phase, RollOut, Scene, TrajConfig, laws};
+
+/// Rows are windows times goals; every tensor below has them first.
+pub(crate) fn roll_out(network: &SocialForce, scene: &Scene, sizes: Sizes, phase: Phase) -> Result<RollOut> {
+    let cfg = &network.cfg;
+    let (attraction, repulsion) = (&network.attraction, &network.repulsion);
+    let per_goal = |x: &Tensor| repeat(x, sizes.goals);
+    let start = per_goal(&scene.observed.narrow(1, sizes.observed - 1, 1)?.squeeze(1)?)?;
+    let (mut p, mut v) = (start.narrow(1, 0, 2)?.contiguous()?, start.narrow(1, 2, 2)?.contiguous()?);
+    let goal = scene.goals.flatten(0, 1)?;
+    let goal_code = attraction.enc_goal.forward(&(&goal * cfg.input_scale.position)?)?;
+
+    let history = |front: &Front| -> Result<Option<LstmState>> {
+        let seen = observe(front, cfg, &scene.observed)?;
+        Ok(Some(LstmState { h: per_goal(&seen.h)?, c: per_goal(&seen.c)? }))
+    };
+    let mut memory1 = history(&attraction.front)?;
+    let mut memory2 = if sizes.slots + sizes.lines > 0 { history(&repulsion.front)? } else { None };
+    let neighbours = Slots::new(scene, sizes)?;
+    let lines = LineRows::new(scene, sizes)?;
+
+    let (mut tau, mut k, mut k_line) = (None, None, None);
+    let mut record = Record::default();
+    for step in 0..scene.steps {
+        let around = neighbours.as_ref().map(|slots| slots.at(step, &p, &v)).transpose()?;
+        let lateral = lines.as_ref().map(|lines| lines.distance(&p)).transpose()?;
+        if step % cfg.network_period == 0 {
+            if step > 0 {
+                let state = Tensor::cat(&[(&p * cfg.input_scale.position)?, (&v * cfg.input_scale.velocity)?], 1)?;
+                memory1 = Some(attraction.front.step(&state, memory1.as_ref())?);
+                if memory2.is_some() {
+                    memory2 = Some(repulsion.front.step(&state, memory2.as_ref())?);
+                }
+            }
+            if let Some(memory) = &memory1 {
+                let code = Tensor::cat(&[attraction.front.code(memory)?, goal_code.clone()], 1)?;
+                let fresh = (sigmoid(&attraction.tau.forward(&code)?)? + scene.dt)?;
+                tau = Some(if phase == Phase::Repulsion { fresh.detach() } else { fresh });
+            }
+            if let Some(memory) = &memory2 {
+                let code = repulsion.front.code(memory)?;
+                if let (Some(slots), Some(around)) = (&neighbours, &around) {
+                    let seen = scaled(cfg, around)?;
+                    k = Some(fresh(&repulsion.enc_nei, &repulsion.k, &code, &seen, cfg.k_max, &slots.present)?);
+                }
+                if let (Some(lines), Some(d), Some((encoder, head))) = (&lines, &lateral, &repulsion.line) {
+                    let seen = Tensor::stack(&[d, &lines.kind], 2)?;
+                    k_line = Some(fresh(encoder, head, &code, &seen, cfg.k_max_line, &lines.present)?);
+                }
+            }
+        }
+        let Some(tau) = &tau else { candle_core::bail!("the networks did not run before the first step") };
+        let left = (scene.steps - step) as f64 * scene.dt;
+        let pull = laws::goal_force(&p, &v, &goal, left, tau)?;
+        let mut force = pull.clone();
+        if let (Some(around), Some(k)) = (&around, &k) {
+            let r = p.unsqueeze(1)?.broadcast_sub(&around.narrow(2, 0, 2)?)?;
+            let push = laws::vehicle_force(&r, k, cfg.r_col)?;
+            force = (force + push.sum(1)?)?;
+            record.neighbour_forces.push(push);
+            record.k.push(k.clone());
+        }
+        if let (Some(lines), Some(d), Some(k)) = (&lines, &lateral, &k_line) {
+            let push = laws::line_force(&lines.kind, d, k, &lines.side)?;
+            let y = push.sum_keepdim(1)?;
+            force = (force + Tensor::cat(&[y.zeros_like()?, y], 1)?)?;
+            record.line_forces.push(push);
+            record.k_line.push(k.clone());
+        }
+        let faster = (&v + (force * scene.dt)?)?;
+        p = match cfg.integrator {
+            Integrator::Explicit => (&p + (&v * scene.dt)?)?,
+            Integrator::SemiImplicit => (&p + (&faster * scene.dt)?)?,
+        };
+        v = faster;
+        record.path.push(p.clone());
+        record.velocity.push(v.clone());
+        record.goal_force.push(pull);
+        record.tau.push(tau.squeeze(1)?);
+    }
+    record.finish(sizes)
+}
+
+/// `[windows, ..]` to `[windows * goals, ..]`, every window `goals` times in a row.
+fn repeat(x: &Tensor, goals: usize) -> Result<Tensor> {
+    if goals == 1 {
+        return Ok(x.clone());
+    }
+    let mut shape = x.dims().to_vec();
+    shape.insert(1, goals);
+    x.unsqueeze(1)?.broadcast_as(shape)?.flatten(0, 1)
+}
+
+/// States `[.., 4]` as the networks see them.
+fn scaled(cfg: &TrajConfig, states: &Tensor) -> Result<Tensor> {
+    let (position, velocity) = (cfg.input_scale.position as f32, cfg.input_scale.velocity as f32);
+    states.broadcast_mul(&Tensor::new(&[position, position, velocity, velocity], states.device())?)
+}
+
+/// The memory after every `network_period`-th observed frame, the last one included.
+fn observe(front: &Front, cfg: &TrajConfig, observed: &Tensor) -> Result<LstmState> {
+    let frames = observed.dim(1)?;
+    let mut memory = None;
+    for frame in ((frames - 1) % cfg.network_period..frames).step_by(cfg.network_period) {
+        let states = scaled(cfg, &observed.narrow(1, frame, 1)?.squeeze(1)?)?;
+        memory = Some(front.step(&states, memory.as_ref())?);
+    }
+    match memory {
+        Some(memory) => Ok(memory),
+        None => candle_core::bail!("no observed frame"),
+    }
+}
+
+/// Strengths `[rows, slots]` of what is `seen` `[rows, slots, features]`, 0 where `present` is 0.
+fn fresh(encoder: &Mlp, head: &Mlp, code: &Tensor, seen: &Tensor, largest: f64, present: &Tensor) -> Result<Tensor> {
+    let (rows, slots, features) = seen.dims3()?;
+    let width = code.dim(1)?;
+    let seen = encoder.forward(&seen.reshape((rows * slots, features))?)?.reshape((rows, slots, width))?;
+    let code = code.unsqueeze(1)?.broadcast_as((rows, slots, width))?;
+    strength(head, &Tensor::cat(&[code, seen], 2)?, largest)? * present
+}
+
+/// The neighbour slots by row.
+struct Slots {
+    goals: usize,
+    /// `[rows, slots]`
+    present: Tensor,
+    source: Source,
+}
+
+/// Where the states of neighbours are read; zeros stand in empty slots.
+enum Source {
+    /// `[windows, steps, slots, 4]`
+    Given(Tensor),
+    /// Rows to look at `[windows * slots]` and what to add to their states `[windows, slots, 4]`.
+    Joint { rows: Tensor, offset: Tensor },
+}
+
+impl Slots {
+    fn new(scene: &Scene, sizes: Sizes) -> Result<Option<Self>> {
+        let Some(neighbours) = scene.neighbours.as_ref().filter(|_| sizes.slots > 0) else { return Ok(None) };
+        let mask = neighbours.present.ne(0f64)?;
+        let source = match &neighbours.states {
+            NeighbourStates::Given(states) => {
+                let mask = mask.unsqueeze(1)?.unsqueeze(3)?.broadcast_as(states.shape())?;
+                Source::Given(mask.where_cond(states, &states.zeros_like()?)?)
+            }
+            NeighbourStates::Joint { index, offset } => {
+                let mask = mask.unsqueeze(2)?.broadcast_as(offset.shape())?;
+                let offset = mask.where_cond(offset, &offset.zeros_like()?)?;
+                let goals = Tensor::full(sizes.goals as u32, index.elem_count(), index.device())?;
+                let rows = (index.flatten_all()? * goals)?;
+                Source::Joint { rows, offset: Tensor::cat(&[&offset, &offset.zeros_like()?], 2)? }
+            }
+        };
+        let present = repeat(&mask.to_dtype(neighbours.present.dtype())?, sizes.goals)?;
+        Ok(Some(Self { goals: sizes.goals, present, source }))
+    }
+
+    /// The states `[rows, slots, 4]` that act in `step`, the rows being at `p` and `v`.
+    fn at(&self, step: usize, p: &Tensor, v: &Tensor) -> Result<Tensor> {
+        let states = match &self.source {
+            Source::Given(states) => states.narrow(1, step, 1)?.squeeze(1)?,
+            Source::Joint { rows, offset } => {
+                let states = Tensor::cat(&[p, v], 1)?.index_select(rows, 0)?.reshape(offset.shape())?;
+                (states + offset)?
+            }
+        };
+        repeat(&states, self.goals)
+    }
+}
+
+/// The lines by row, each `[rows, lines]`.
+struct LineRows {
+    y: Tensor,
+    kind: Tensor,
+    side: Tensor,
+    present: Tensor,
+}
+
+impl LineRows {
+    fn new(scene: &Scene, sizes: Sizes) -> Result<Option<Self>> {
+        let Some(lines) = scene.lines.as_ref().filter(|_| sizes.lines > 0) else { return Ok(None) };
+        let mask = lines.present.ne(0f64)?;
+        let column = |i: usize| -> Result<Tensor> {
+            let values = lines.lines.narrow(2, i, 1)?.squeeze(2)?.contiguous()?;
+            repeat(&mask.where_cond(&values, &values.zeros_like()?)?, sizes.goals)
+        };
+        let present = repeat(&mask.to_dtype(lines.present.dtype())?, sizes.goals)?;
+        Ok(Some(Self { y: column(0)?, kind: column(1)?, side: column(2)?, present }))
+    }
+
+    /// Signed distances `y - y_line` `[rows, lines]` of rows at `p`.
+    fn distance(&self, p: &Tensor) -> Result<Tensor> {
+        p.narrow(1, 1, 1)?.broadcast_sub(&self.y)
+    }
+}
+
+/// What every step leaves behind, one entry a step.
+#[derive(Default)]
+struct Record {
+    path: Vec<Tensor>,
+    velocity: Vec<Tensor>,
+    goal_force: Vec<Tensor>,
+    tau: Vec<Tensor>,
+    neighbour_forces: Vec<Tensor>,
+    k: Vec<Tensor>,
+    line_forces: Vec<Tensor>,
+    k_line: Vec<Tensor>,
+}
+
+impl Record {
+    fn finish(self, sizes: Sizes) -> Result<RollOut> {
+        let stack = |steps: &[Tensor]| -> Result<Tensor> {
+            let stacked = Tensor::stack(steps, 1)?;
+            let mut shape = stacked.dims().to_vec();
+            shape.splice(0..1, [sizes.batch, sizes.goals]);
+            stacked.reshape(shape)
+        };
+        let there = |steps: &[Tensor]| if steps.is_empty() { Ok(None) } else { stack(steps).map(Some) };
+        Ok(RollOut {
+            path: stack(&self.path)?,
+            velocity: stack(&self.velocity)?,
+            goal_force: stack(&self.goal_force)?,
+            tau: stack(&self.tau)?,
+            neighbour_forces: there(&self.neighbour_forces)?,
+            k: there(&self.k)?,
+            line_forces: there(&self.line_forces)?,
+            k_line: there(&self.k_line)?,
+        })
+    }
+}
+
+impl RollOut {
+    /// The same values without a gradient.
+    pub(crate) fn detach(self) -> Self {
+        let part = |x: Option<Tensor>| x.map(|x| x.detach());
+        Self {
+            path: self.path.detach(),
+            velocity: self.velocity.detach(),
+            goal_force: self.goal_force.detach(),
+            tau: self.tau.detach(),
+            neighbour_forces: part(self.neighbour_forces),
+            k: part(self.k),
+            line_forces: part(self.line_forces),
+            k_line: part(self.k_line),
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! The attraction network (phi_1) and the repulsion network (phi_2).
+
+use candle_core::{Module, Tensor};
+use candle_nn::{Init, VarBuilder, ops::sigmoid};
+use gnp_nn::{Linear, Lstm, LstmState, Mlp, linear};
+
+use crate::{Engine, Phase, RollOut, Scene, TrajConfig, TrajError, graph};
+
+/// The neural social force; the weights have the names of the reference implementation in PyTorch,
+/// with `enc_line` and `k_line` beside them when lines push.
+#[derive(Clone, Debug)]
+pub struct SocialForce {
+    pub(crate) cfg: TrajConfig,
+    pub(crate) attraction: Attraction,
+    pub(crate) repulsion: Repulsion,
+}
+
+/// phi_1: history and goal give `tau`.
+#[derive(Clone, Debug)]
+pub(crate) struct Attraction {
+    pub(crate) front: Front,
+    pub(crate) enc_goal: Mlp,
+    pub(crate) tau: Mlp,
+}
+
+/// phi_2: history and neighbour give `k`, history and line give `k_line`.
+#[derive(Clone, Debug)]
+pub(crate) struct Repulsion {
+    pub(crate) front: Front,
+    pub(crate) enc_nei: Mlp,
+    pub(crate) k: Mlp,
+    /// Encoder and head.
+    pub(crate) line: Option<(Mlp, Mlp)>,
+}
+
+/// Embedding, LSTM and code of the history, seen or predicted.
+#[derive(Clone, Debug)]
+pub(crate) struct Front {
+    emb: Linear,
+    cell: Lstm,
+    out: Linear,
+}
+
+impl Front {
+    fn new(cfg: &TrajConfig, number: usize, vb: &VarBuilder) -> candle_core::Result<Self> {
+        Ok(Self {
+            emb: linear(4, cfg.embedding, vb.pp(format!("emb{number}")))?,
+            cell: Lstm::new(cfg.embedding, cfg.hidden, vb.pp(format!("cell{number}")))?,
+            out: linear(cfg.hidden, cfg.code, vb.pp(format!("out{number}")))?,
+        })
+    }
+
+    /// Takes in one frame of scaled states `[rows, 4]`.
+    pub(crate) fn step(&self, states: &Tensor, memory: Option<&LstmState>) -> candle_core::Result<LstmState> {
+        self.cell.step(&self.emb.forward(states)?.relu()?, memory)
+    }
+
+    /// The code of the history `[rows, code]`.
+    pub(crate) fn code(&self, memory: &LstmState) -> candle_core::Result<Tensor> {
+        self.out.forward(&memory.h)
+    }
+}
+
+impl SocialForce {
+    /// The networks on `vb`, drawn anew or as stored there.
+    ///
+    /// # Errors
+    /// When the configuration is refused, or `vb` holds a weight of another shape.
+    pub fn new(cfg: &TrajConfig, vb: VarBuilder) -> Result<Self, TrajError> {
+        cfg.check()?;
+        let encoder = |input: usize| [&[input], &cfg.encoder[..], &[cfg.code]].concat();
+        let head = [&[2 * cfg.code], &cfg.decoder[..], &[1]].concat();
+        let strength = |name: &str| {
+            let vb = vb.pp(name);
+            // Asked for first, so that it starts from this value and not from the layer's own.
+            vb.pp(2 * cfg.decoder.len()).get_with_hints(1, "bias", Init::Const(cfg.k_bias))?;
+            Mlp::new(&head, vb)
+        };
+        let line =
+            if cfg.lines { Some((Mlp::new(&encoder(2), vb.pp("enc_line"))?, strength("k_line")?)) } else { None };
+        Ok(Self {
+            cfg: cfg.clone(),
+            attraction: Attraction {
+                front: Front::new(cfg, 1, &vb)?,
+                enc_goal: Mlp::new(&encoder(2), vb.pp("enc_goal"))?,
+                tau: Mlp::new(&head, vb.pp("tau"))?,
+            },
+            repulsion: Repulsion {
+                front: Front::new(cfg, 2, &vb)?,
+                enc_nei: Mlp::new(&encoder(4), vb.pp("enc_nei"))?,
+                k: strength("k")?,
+                line,
+            },
+        })
+    }
+
+    /// The configuration the networks were built with.
+    #[must_use]
+    pub fn config(&self) -> &TrajConfig {
+        &self.cfg
+    }
+
+    /// Positions after each step `[batch, goals, steps, 2]` in m, with a gradient to the weights
+    /// that `phase` trains.
+    ///
+    /// # Errors
+    /// When the scene is incomplete or its shapes do not fit each other.
+    pub fn roll_out(&self, scene: &Scene, phase: Phase) -> Result<Tensor, TrajError> {
+        self.roll_out_on(Engine::Graph, scene, phase)
+    }
+
+    /// [`SocialForce::roll_out`] on an engine of the caller's choice.
+    ///
+    /// # Errors
+    /// As [`SocialForce::roll_out`], and when the engine does not offer what the scene asks for.
+    pub fn roll_out_on(&self, engine: Engine, scene: &Scene, phase: Phase) -> Result<Tensor, TrajError> {
+        let sizes = scene.check(&self.cfg, phase)?;
+        match engine {
+            Engine::Graph => Ok(graph::roll_out(self, scene, sizes, phase)?.path),
+        }
+    }
+
+    /// The roll-out with its forces and their parameters, without a gradient.
+    ///
+    /// # Errors
+    /// As [`SocialForce::roll_out`].
+    pub fn roll_out_explained(&self, scene: &Scene, phase: Phase) -> Result<RollOut, TrajError> {
+        let sizes = scene.check(&self.cfg, phase)?;
+        let roll_out = graph::roll_out(self, scene, sizes, phase)?;
+        Ok(roll_out.detach())
+    }
+}
+
+/// `largest * sigmoid(head(inputs))`, one strength a row: `inputs` `[rows, slots, 2 * code]` gives
+/// `[rows, slots]`.
+pub(crate) fn strength(head: &Mlp, inputs: &Tensor, largest: f64) -> candle_core::Result<Tensor> {
+    let (rows, slots, width) = inputs.dims3()?;
+    let logits = head.forward(&inputs.reshape((rows * slots, width))?)?.reshape((rows, slots))?;
+    sigmoid(&logits)? * largest
+}

@@ -1,0 +1,8 @@
+//! What the roll-out promises, one module a promise.
+
+mod bad_input;
+mod golden;
+mod gradients;
+mod padding;
+mod physics;
+mod scenes;
