@@ -198,4 +198,95 @@ pub enum DataError {
         /// What is wrong with it.
         reason: String,
     },
+    /// A configuration value that cannot be.
+    #[error("{key} = {value} {problem}")]
+    BadValue {
+        /// Key in the configuration.
+        key: &'static str,
+        /// What it is set to.
+        value: String,
+        /// What is wrong with it and what to do.
+        problem: String,
+    },
+    /// Windows whose rate cannot be had from a recording by leaving out frames.
+    #[error(
+        "rate_hz = {window_hz} cannot be had from recordings of {recording_hz} Hz by leaving out frames; \
+         set it to {recording_hz} divided by a whole number"
+    )]
+    WindowRate {
+        /// Rate of the recording, Hz.
+        recording_hz: f64,
+        /// Rate asked for, Hz.
+        window_hz: f64,
+    },
+    /// Two recordings of one name, so that a window's name would not tell them apart.
+    #[error("two recordings are named {recording}; rename a file or leave one out")]
+    DuplicateRecording {
+        /// The name.
+        recording: String,
+    },
+    /// Recordings without a track as long as a window.
+    #[error(
+        "no track is long enough for a window: the longest lasts {longest_s:.1} s, observed_s and predicted_s \
+         ask for {needed_s} s; shorten them or take longer recordings"
+    )]
+    NoWindow {
+        /// Observed and predicted time, s.
+        needed_s: f64,
+        /// Time of the longest track, s.
+        longest_s: f64,
+    },
+    /// A recording with more rows than a window's name can count.
+    #[error("recording {recording} has {rows} rows; cut it into recordings of less than 4 billion rows")]
+    TooManyRows {
+        /// Name of the recording.
+        recording: String,
+        /// Its rows.
+        rows: usize,
+    },
+    /// A split with a part that got no windows.
+    #[error(
+        "the {part} part of the split by {kind} is empty at {}; split by {instead}, give it a larger share \
+         or take more recordings", sites.join(", ")
+    )]
+    EmptyPart {
+        /// Name of the part.
+        part: &'static str,
+        /// Name of the split's kind.
+        kind: &'static str,
+        /// Sites that were split together.
+        sites: Vec<String>,
+        /// A kind that needs less.
+        instead: &'static str,
+    },
+    /// A split that leaks.
+    #[error(
+        "vehicle {vehicle} of recording {recording} stands in two parts of the split (frame {frame}); \
+         make the split anew"
+    )]
+    SharedFrame {
+        /// Name of the recording.
+        recording: String,
+        /// Vehicle.
+        vehicle: u32,
+        /// First frame of a window in a part that it should not be in.
+        frame: u32,
+    },
+    /// A split of other recordings.
+    #[error("the split names windows that these recordings do not hold; take the recordings it was made of")]
+    ForeignSplit,
+    /// A file that is not a whole, unchanged split of these recordings.
+    #[error("{}: {reason}; take the recordings and the configuration it was made of, or make the split anew", file.display())]
+    SplitFile {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Features that cannot be standardised.
+    #[error("features cannot be standardised: {reason}")]
+    Features {
+        /// What is wrong with them.
+        reason: String,
+    },
 }

@@ -13,8 +13,11 @@ mod predictor;
 mod quality;
 mod reader;
 mod recording;
+mod split;
+mod standardise;
 mod velocity;
 mod window;
+mod windows;
 
 pub use crate::error::DataError;
 pub use crate::predictor::{Explanation, Forecast, InformedPredictor, Mode, PredictError, Predictor, StepForces};
@@ -23,4 +26,7 @@ pub use crate::reader::{Expectation, Source, discover, read};
 pub use crate::recording::{
     Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Slot, State, Track, VehicleClass,
 };
+pub use crate::split::{Part, Split, SplitConfig, SplitKind};
+pub use crate::standardise::Standardiser;
 pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey, WindowShape};
+pub use crate::windows::{DropCounts, RecordingDrops, WindowConfig, WindowSet};

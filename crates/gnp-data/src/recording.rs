@@ -246,7 +246,7 @@ impl Recording {
     }
 
     /// State in a row, road frame. For the velocity of the last observed frame take
-    /// [`Recording::state_one_sided`].
+    /// [`Recording::velocity_one_sided`].
     #[must_use]
     pub fn state(&self, row: usize) -> State {
         let c = &self.columns;

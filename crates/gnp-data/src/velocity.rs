@@ -1,21 +1,24 @@
-//! Velocities from positions: central where both sides are known, one-sided at the ends.
+//! Velocities that know no later row.
 
-use crate::recording::{Dataset, Recording, State};
+use crate::recording::{Dataset, Recording};
 
 impl Recording {
-    /// State in `row` of `track` with nothing in it from a later row.
+    /// Velocity in `row` of `track`, m/s, road frame, with nothing in it from a later row; `None`
+    /// where no row up to this one tells it.
     ///
-    /// NGSIM records no velocity vector: it is differentiated from positions, here backwards over
-    /// one frame. highD records velocities; the recorded one of this row is returned. The first
-    /// row of a track has no earlier one and borrows the next.
+    /// NGSIM records no velocity vector. It is differentiated from positions, centrally in
+    /// [`Columns::vx`](crate::Columns::vx), here backwards over one frame, which the first row of a
+    /// track does not allow. highD records velocities with every row, so its recorded one is taken.
     #[must_use]
-    pub fn state_one_sided(&self, track: usize, row: usize) -> State {
-        let state = self.state(row);
-        if self.meta.dataset == Dataset::HighD || row == self.tracks[track].rows.start {
-            return state;
-        }
-        let rate = self.meta.rate_hz as f32;
+    pub fn velocity_one_sided(&self, track: usize, row: usize) -> Option<[f32; 2]> {
         let c = &self.columns;
-        State { vx: (c.x[row] - c.x[row - 1]) * rate, vy: (c.y[row] - c.y[row - 1]) * rate, ..state }
+        match self.meta.dataset {
+            Dataset::HighD => Some([c.vx[row], c.vy[row]]),
+            Dataset::Ngsim if row > self.tracks[track].rows.start => {
+                let rate = self.meta.rate_hz as f32;
+                Some([(c.x[row] - c.x[row - 1]) * rate, (c.y[row] - c.y[row - 1]) * rate])
+            }
+            Dataset::Ngsim => None,
+        }
     }
 }

@@ -1,11 +1,14 @@
 //! Windows: a target vehicle's observed past and its future, as views into a recording.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use crate::recording::{LaneLine, Recording, SLOTS, State, Track};
 
 /// The shape of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct WindowShape {
     /// Observed frames, the last one included: a full 3 s is 31 at 10 Hz.
     pub observed: usize,
@@ -22,6 +25,21 @@ impl WindowShape {
     #[must_use]
     pub fn dt(&self) -> f64 {
         1. / self.rate_hz
+    }
+
+    /// Recorded frames from the first observed frame to the last predicted one, both included.
+    #[must_use]
+    pub fn span(&self) -> usize {
+        (self.observed.saturating_sub(1) + self.predicted) * self.step + 1
+    }
+
+    /// Whether windows of both shapes look alike to a model: same frames at the same rate. The
+    /// step may differ, since recordings of 25 and 50 Hz both give windows of 25 Hz.
+    #[must_use]
+    pub fn fits(&self, other: &Self) -> bool {
+        self.observed == other.observed
+            && self.predicted == other.predicted
+            && (self.rate_hz - other.rate_hz).abs() <= 1e-6 * self.rate_hz.abs()
     }
 }
 
@@ -52,8 +70,10 @@ pub struct WindowId {
 /// Everything a predictor may see of a window: nothing recorded after the last observed frame.
 ///
 /// Positions are in the window's frame: the road frame moved so that the target's last observed
-/// centre is the origin.
-#[derive(Clone, Copy, Debug)]
+/// centre is the origin. Velocities of the last observed frame are one-sided. The lane lines and the
+/// size of a vehicle do not change with time and count as known, also where a recording's lines were
+/// fitted to all of it.
+#[derive(Clone, Copy)]
 pub struct Observation<'a> {
     recording: &'a Recording,
     shape: WindowShape,
@@ -63,25 +83,25 @@ pub struct Observation<'a> {
 
 /// What really happened after the last observed frame. Scoring and training take it; a
 /// [`Predictor`](crate::Predictor) is never handed one.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Truth<'a> {
     observation: Observation<'a>,
 }
 
 /// A window: an [`Observation`] and its [`Truth`].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Window<'a> {
     observation: Observation<'a>,
 }
 
 impl<'a> Window<'a> {
     /// The view of `track` of `recording` whose last observed row is `row`; `None` when the track
-    /// does not hold all observed and predicted frames.
+    /// does not hold all observed and predicted frames, or `shape` has none of either.
     #[must_use]
     pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Option<Self> {
         let observation = Observation::new(recording, shape, track, row)?;
         let rows = &recording.tracks()[track].rows;
-        (row + shape.predicted * shape.step < rows.end).then_some(Self { observation })
+        (shape.predicted > 0 && row + shape.predicted * shape.step < rows.end).then_some(Self { observation })
     }
 
     /// What may be seen.
@@ -105,12 +125,12 @@ impl<'a> Window<'a> {
 
 impl<'a> Observation<'a> {
     /// The view of `track` whose last observed row is `row`; `None` when the track does not hold
-    /// all observed frames. No future is needed: this is what online use builds.
+    /// all observed frames, or `shape` has none or a step of 0. No future is needed: this is what online use builds.
     #[must_use]
     pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Option<Self> {
         let rows = &recording.tracks().get(track)?.rows;
         let first = row.checked_sub(shape.observed.checked_sub(1)? * shape.step)?;
-        (first >= rows.start && row < rows.end).then_some(Self { recording, shape, track, row })
+        (shape.step > 0 && first >= rows.start && row < rows.end).then_some(Self { recording, shape, track, row })
     }
 
     /// Its name.
@@ -131,9 +151,8 @@ impl<'a> Observation<'a> {
         self.shape
     }
 
-    /// The target's track: class, length, width. Its rows reach into the future; do not follow them.
-    #[must_use]
-    pub(crate) fn track(&self) -> &'a Track {
+    /// The target's track. Its rows reach into the future, so nobody outside may follow them.
+    fn track(&self) -> &'a Track {
         &self.recording.tracks()[self.track]
     }
 
@@ -176,8 +195,8 @@ impl<'a> Observation<'a> {
         [track.length, track.width]
     }
 
-    /// State of the target in observed frame `i` of `0..observed`, window frame. The velocity of
-    /// the last one is one-sided.
+    /// State of the target in observed frame `i` of `0..observed`, window frame; all zero for any
+    /// other `i`. The velocity of the last one is one-sided.
     #[must_use]
     pub fn target(&self, i: usize) -> State {
         self.state_of(self.track, i).unwrap_or_default()
@@ -220,19 +239,46 @@ impl<'a> Observation<'a> {
     }
 
     /// State of `track` in observed frame `i`, window frame; `None` where it is absent.
+    ///
+    /// A vehicle that appears in the last observed frame has no past to take its velocity from. It
+    /// is given the target's, so that at first it keeps its place beside the target.
     fn state_of(&self, track: usize, i: usize) -> Option<State> {
         let last = self.shape.observed - 1;
         let back = (last.checked_sub(i)? * self.shape.step) as u32;
         let frame = self.frame().checked_sub(back)?;
         let row = self.recording.tracks()[track].row_at(frame)?;
-        let state = if back == 0 { self.recording.state_one_sided(track, row) } else { self.recording.state(row) };
+        let mut state = self.recording.state(row);
+        if back == 0 {
+            let own = self.recording.velocity_one_sided(track, row);
+            let velocity = own.or_else(|| self.recording.velocity_one_sided(self.track, self.row));
+            [state.vx, state.vy] = velocity.unwrap_or_default();
+        }
         let [x0, y0] = self.origin();
         Some(State { x: state.x - x0, y: state.y - y0, ..state })
     }
 }
 
+impl fmt::Debug for Observation<'_> {
+    /// The window's name and shape: printing the recording would print the future.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Observation").field("key", &self.key()).field("shape", &self.shape).finish()
+    }
+}
+
+impl fmt::Debug for Truth<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Truth").field(&self.observation).finish()
+    }
+}
+
+impl fmt::Debug for Window<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Window").field(&self.observation).finish()
+    }
+}
+
 /// A vehicle near the target, seen up to the target's last observed frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Neighbour<'a> {
     observation: Observation<'a>,
     track: usize,
@@ -280,8 +326,15 @@ impl<'a> Neighbour<'a> {
     }
 }
 
+impl fmt::Debug for Neighbour<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Neighbour").field("vehicle", &self.vehicle()).field("of", &self.observation).finish()
+    }
+}
+
 impl Truth<'_> {
-    /// State of the target in predicted frame `j` of `0..predicted`, window frame.
+    /// State of the target in predicted frame `j` of `0..predicted`, window frame; all zero for any
+    /// other `j`.
     #[must_use]
     pub fn target(&self, j: usize) -> State {
         self.state_of(self.observation.track, j).unwrap_or_default()
@@ -302,25 +355,35 @@ impl Truth<'_> {
     }
 
     /// Boxes (state, length and width) of all other vehicles of the carriageway in predicted
-    /// frame `j`.
+    /// frame `j`, those that came after the last observed frame included.
     pub fn others(&self, j: usize) -> impl Iterator<Item = (State, [f32; 2])> {
-        self.observation.others().filter_map(move |other| {
-            let state = self.state_of(other.track_index(), j)?;
-            Some((state, other.size()))
-        })
+        let o = &self.observation;
+        let (tracks, road) = (o.recording.tracks(), o.track().road);
+        let present = o.recording.present(self.frame(j)).iter().map(|track| *track as usize);
+        let others = present.filter(move |track| *track != o.track && tracks[*track].road == road);
+        others.filter_map(move |track| Some((self.state_of(track, j)?, [tracks[track].length, tracks[track].width])))
     }
 
-    /// Lane number in predicted frame `j`; 0 where unknown.
+    /// Lane number in predicted frame `j` of `0..predicted`; 0 where unknown and for any other `j`.
     #[must_use]
     pub fn lane(&self, j: usize) -> i16 {
         let o = &self.observation;
-        o.recording.columns().lane[o.row + (j + 1) * o.shape.step]
+        let row = (j < o.shape.predicted).then(|| o.row + (j + 1) * o.shape.step);
+        row.map_or(0, |row| o.recording.columns().lane[row])
+    }
+
+    /// Frame number of predicted frame `j`.
+    fn frame(&self, j: usize) -> u32 {
+        let o = &self.observation;
+        o.frame() + ((j + 1) * o.shape.step) as u32
     }
 
     fn state_of(&self, track: usize, j: usize) -> Option<State> {
         let o = &self.observation;
-        let frame = o.frame() + ((j + 1) * o.shape.step) as u32;
-        let row = o.recording.tracks()[track].row_at(frame)?;
+        if j >= o.shape.predicted {
+            return None;
+        }
+        let row = o.recording.tracks()[track].row_at(self.frame(j))?;
         let state = o.recording.state(row);
         let [x0, y0] = o.origin();
         Some(State { x: state.x - x0, y: state.y - y0, ..state })

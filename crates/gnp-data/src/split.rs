@@ -1,0 +1,314 @@
+//! Training, validation and test parts: seeded, checked, and named by a hash.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::DataError;
+use crate::recording::Recording;
+use crate::window::WindowId;
+use crate::windows::WindowSet;
+
+mod assign;
+mod saved;
+
+/// What is kept in one part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SplitKind {
+    /// Whole recordings: nothing of the traffic seen in training comes again.
+    Recording,
+    /// Whole vehicles, within each recording: the convention of the NGSIM literature. A vehicle of
+    /// the test part may be a neighbour in training.
+    Vehicle,
+    /// The first stretch of each recording trains, the next validates, the last tests. Windows that
+    /// reach from one stretch into the next are dropped and counted.
+    Time,
+    /// Single windows. It **leaks**: windows a stride apart land on both sides. Published code does
+    /// this; it is here to reproduce that.
+    Window,
+}
+
+impl SplitKind {
+    /// Name in files, tables and messages.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Recording => "recording",
+            Self::Vehicle => "vehicle",
+            Self::Time => "time",
+            Self::Window => "window",
+        }
+    }
+}
+
+/// A part of a split.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Part {
+    /// What is learned from, and the only source of statistics.
+    Train,
+    /// What decides when training stops.
+    Validation,
+    /// What is scored.
+    Test,
+}
+
+impl Part {
+    /// All parts, in order.
+    pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
+
+    /// Name in files, tables and messages.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Validation => "validation",
+            Self::Test => "test",
+        }
+    }
+}
+
+/// How windows are parted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SplitConfig {
+    /// What is kept in one part, at sites that `sites` does not name.
+    pub kind: SplitKind,
+    /// The same for single sites, such as `us-101`.
+    pub sites: BTreeMap<String, SplitKind>,
+    /// Share of the training part; the three shares sum to 1.
+    pub train: f64,
+    /// Share of the validation part.
+    pub validation: f64,
+    /// Share of the test part.
+    pub test: f64,
+    /// Seed of every draw.
+    pub seed: u64,
+}
+
+impl SplitConfig {
+    /// Checks the shares.
+    ///
+    /// # Errors
+    /// When a share is not above 0, or they do not sum to 1.
+    pub fn check(&self) -> Result<(), DataError> {
+        let shares = [("train", self.train), ("validation", self.validation), ("test", self.test)];
+        for (key, value) in shares {
+            if !(value > 0. && value < 1.) {
+                let problem = "must lie between 0 and 1; every part needs windows".to_owned();
+                return Err(DataError::BadValue { key, value: value.to_string(), problem });
+            }
+        }
+        let sum = self.train + self.validation + self.test;
+        if (sum - 1.).abs() > 1e-6 {
+            let problem = format!("train, validation and test sum to {sum}; make them sum to 1");
+            return Err(DataError::BadValue { key: "train", value: self.train.to_string(), problem });
+        }
+        Ok(())
+    }
+
+    /// Kind at a site.
+    fn kind_at(&self, site: &str) -> SplitKind {
+        self.sites.get(site).copied().unwrap_or(self.kind)
+    }
+
+    fn shares(&self) -> [f64; 3] {
+        [self.train, self.validation, self.test]
+    }
+}
+
+/// The three parts of a [`WindowSet`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Split {
+    /// Ids by part, each sorted.
+    parts: [Vec<WindowId>; 3],
+    kinds: BTreeMap<String, SplitKind>,
+    seed: u64,
+    straddling: BTreeMap<String, usize>,
+    hash: String,
+}
+
+impl Split {
+    /// Parts the windows of `set`. The same windows, configuration and seed give the same split,
+    /// whatever the order of the recordings.
+    ///
+    /// Recordings of all sites with the same kind are parted together, so that each part comes near
+    /// its share of their windows (kind `recording`), vehicles (`vehicle`, in each recording),
+    /// frames (`time`, in each recording) or windows (`window`).
+    ///
+    /// # Errors
+    /// When the configuration is wrong, a part of one kind is left without windows, or the result
+    /// does not pass [`Split::check`].
+    pub fn new(set: &WindowSet<'_>, config: &SplitConfig) -> Result<Self, DataError> {
+        config.check()?;
+        let mut kinds = BTreeMap::new();
+        for recording in set.recordings() {
+            let site = &recording.meta().site;
+            kinds.insert(site.clone(), config.kind_at(site));
+        }
+        for site in config.sites.keys().filter(|site| !kinds.contains_key(*site)) {
+            tracing::warn!("the split names site {site}, of which there is no recording");
+        }
+        let mut parts = <[Vec<WindowId>; 3]>::default();
+        let mut straddling = BTreeMap::new();
+        for kind in BTreeSet::from_iter(kinds.values().copied()) {
+            let ids = set.ids().iter().copied().filter(|id| kind_of(set, *id, &kinds) == Some(kind)).collect();
+            let assigned = assign::assign(set, ids, kind, config.shares(), config.seed);
+            for (name, dropped) in assigned.straddling {
+                straddling.insert(name, dropped);
+            }
+            for (part, ids) in Part::ALL.into_iter().zip(assigned.parts) {
+                if ids.is_empty() {
+                    let sites = kinds.iter().filter(|(_, k)| **k == kind).map(|(site, _)| site.clone()).collect();
+                    return Err(DataError::EmptyPart {
+                        part: part.name(),
+                        kind: kind.name(),
+                        sites,
+                        instead: if kind == SplitKind::Recording { "vehicle" } else { "recording" },
+                    });
+                }
+                parts[part as usize].extend(ids);
+            }
+        }
+        for ids in &mut parts {
+            ids.sort_unstable();
+        }
+        let split = Self::with_hash(set, parts, kinds, config.seed, straddling);
+        split.check(set)?;
+        Ok(split)
+    }
+
+    /// Every window in the test part: for scoring a finished run on other recordings.
+    #[must_use]
+    pub fn all_test(set: &WindowSet<'_>) -> Self {
+        let mut ids = set.ids().to_vec();
+        ids.sort_unstable();
+        Self::with_hash(set, [Vec::new(), Vec::new(), ids], BTreeMap::new(), 0, BTreeMap::new())
+    }
+
+    fn with_hash(
+        set: &WindowSet<'_>,
+        parts: [Vec<WindowId>; 3],
+        kinds: BTreeMap<String, SplitKind>,
+        seed: u64,
+        straddling: BTreeMap<String, usize>,
+    ) -> Self {
+        let hash = saved::hash(set, &parts);
+        Self { parts, kinds, seed, straddling, hash }
+    }
+
+    /// Windows of a part, by recording, track and row.
+    #[must_use]
+    pub fn part(&self, part: Part) -> &[WindowId] {
+        &self.parts[part as usize]
+    }
+
+    /// Windows to learn from.
+    #[must_use]
+    pub fn train(&self) -> &[WindowId] {
+        self.part(Part::Train)
+    }
+
+    /// Windows that decide when training stops.
+    #[must_use]
+    pub fn validation(&self) -> &[WindowId] {
+        self.part(Part::Validation)
+    }
+
+    /// Windows that are scored.
+    #[must_use]
+    pub fn test(&self) -> &[WindowId] {
+        self.part(Part::Test)
+    }
+
+    /// Kind by site; empty where every window is a test window.
+    #[must_use]
+    pub fn kinds(&self) -> &BTreeMap<String, SplitKind> {
+        &self.kinds
+    }
+
+    /// Seed it was drawn with.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Windows in no part, by recording: those that reach from one stretch of time into the next.
+    #[must_use]
+    pub fn straddling(&self) -> &BTreeMap<String, usize> {
+        &self.straddling
+    }
+
+    /// SHA-256, in hex, of a text that lists the windows' shape and every part's windows by name.
+    #[must_use]
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// Whether windows a stride apart stand in different parts, so that the test part is known
+    /// from training. True of the kind `window` alone; to be said wherever a number from it appears.
+    #[must_use]
+    pub fn leaks(&self) -> bool {
+        self.kinds.values().any(|kind| *kind == SplitKind::Window)
+    }
+
+    /// Checks, at all sites but those of kind `window`, that no recorded frame of a target vehicle
+    /// stands in two parts, that under `vehicle` all stretches of a vehicle are in one part, and
+    /// under `recording` all windows of a recording.
+    ///
+    /// # Errors
+    /// [`DataError::SharedFrame`] with a vehicle that stands in two parts, [`DataError::ForeignSplit`]
+    /// when `set` does not hold the windows.
+    pub fn check(&self, set: &WindowSet<'_>) -> Result<(), DataError> {
+        let mut whole: BTreeMap<(u32, Option<u32>), Part> = BTreeMap::new();
+        let mut spans: BTreeMap<(u32, u32), Vec<(u32, u32, Part)>> = BTreeMap::new();
+        for part in Part::ALL {
+            for id in self.part(part) {
+                let recording = set.recording(*id).ok_or(DataError::ForeignSplit)?;
+                let (first, last) = frames_of(set, *id).ok_or(DataError::ForeignSplit)?;
+                let vehicle = recording.tracks()[id.track as usize].vehicle;
+                let group = match kind_of(set, *id, &self.kinds) {
+                    Some(SplitKind::Window) => continue,
+                    Some(SplitKind::Recording) => Some(None),
+                    Some(SplitKind::Vehicle) => Some(Some(vehicle)),
+                    Some(SplitKind::Time) | None => None,
+                };
+                if group.is_some_and(|group| *whole.entry((id.recording, group)).or_insert(part) != part) {
+                    return Err(shared(recording, vehicle, first));
+                }
+                spans.entry((id.recording, vehicle)).or_default().push((first, last, part));
+            }
+        }
+        for ((recording, vehicle), mut spans) in spans {
+            spans.sort_unstable();
+            // A window that starts at or before the last frame of an earlier one shares that frame.
+            let mut reached: [Option<u32>; 3] = [None; 3];
+            for (first, last, part) in spans {
+                let others = Part::ALL.into_iter().filter(|other| *other != part);
+                if others.filter_map(|other| reached[other as usize]).any(|reached| reached >= first) {
+                    return Err(shared(&set.recordings()[recording as usize], vehicle, first));
+                }
+                let reached = &mut reached[part as usize];
+                *reached = (*reached).max(Some(last));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn shared(recording: &Recording, vehicle: u32, frame: u32) -> DataError {
+    DataError::SharedFrame { recording: recording.meta().name.clone(), vehicle, frame }
+}
+
+fn kind_of(set: &WindowSet<'_>, id: WindowId, kinds: &BTreeMap<String, SplitKind>) -> Option<SplitKind> {
+    kinds.get(&set.recording(id)?.meta().site).copied()
+}
+
+/// Frame numbers of the first observed and the last predicted frame.
+fn frames_of(set: &WindowSet<'_>, id: WindowId) -> Option<(u32, u32)> {
+    let observation = set.get(id)?.observation();
+    let shape = observation.shape();
+    let t0 = observation.frame();
+    Some((t0 - ((shape.observed - 1) * shape.step) as u32, t0 + (shape.predicted * shape.step) as u32))
+}

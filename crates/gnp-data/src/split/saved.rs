@@ -1,0 +1,172 @@
+//! A split as a file: windows by name, under a hash.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+use super::{Part, Split, SplitKind};
+use crate::error::DataError;
+use crate::window::{WindowId, WindowShape};
+use crate::windows::WindowSet;
+
+const VERSION: u32 = 1;
+
+/// Windows of a part: recording, then vehicles, then last observed frames.
+type Names = BTreeMap<String, Vec<Stretch>>;
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stretch {
+    vehicle: u32,
+    segment: u16,
+    t0: Vec<u32>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SplitFile {
+    version: u32,
+    hash: String,
+    shape: WindowShape,
+    kinds: BTreeMap<String, SplitKind>,
+    leaks: bool,
+    seed: u64,
+    straddling: BTreeMap<String, usize>,
+    train: Names,
+    validation: Names,
+    test: Names,
+}
+
+impl Split {
+    /// Writes the split as JSON, windows by name, under a temporary name first.
+    ///
+    /// # Errors
+    /// [`DataError::Io`] when the folder cannot be written.
+    pub fn save(&self, set: &WindowSet<'_>, path: &Path) -> Result<(), DataError> {
+        let io = |source| DataError::Io { file: path.into(), source };
+        let file = SplitFile {
+            version: VERSION,
+            hash: self.hash.clone(),
+            shape: set.shape(),
+            kinds: self.kinds.clone(),
+            leaks: self.leaks(),
+            seed: self.seed,
+            straddling: self.straddling.clone(),
+            train: names(set, self.train()),
+            validation: names(set, self.validation()),
+            test: names(set, self.test()),
+        };
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let mut out = std::io::BufWriter::new(tempfile::NamedTempFile::new_in(folder).map_err(io)?);
+        serde_json::to_writer(&mut out, &file).map_err(|e| io(e.into()))?;
+        out.write_all(b"\n").map_err(io)?;
+        out.into_inner().map_err(|e| io(e.into_error()))?.persist(path).map_err(|e| io(e.error))?;
+        Ok(())
+    }
+
+    /// Reads a split that [`Split::save`] wrote, for the same recordings, which may stand in another
+    /// order or among others.
+    ///
+    /// # Errors
+    /// [`DataError::Io`] when the file cannot be read; [`DataError::SplitFile`] when it is no split, was changed,
+    /// is of windows of another shape, or names a window that `set` does not hold;
+    /// [`DataError::SharedFrame`] when it does not pass [`Split::check`].
+    pub fn load(set: &WindowSet<'_>, path: &Path) -> Result<Self, DataError> {
+        let bytes = std::fs::read(path).map_err(|source| DataError::Io { file: path.into(), source })?;
+        let split = parse(set, &bytes).map_err(|reason| DataError::SplitFile { file: path.into(), reason })?;
+        split.check(set)?;
+        Ok(split)
+    }
+}
+
+fn parse(set: &WindowSet<'_>, bytes: &[u8]) -> Result<Split, String> {
+    let file: SplitFile = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
+    if file.version != VERSION {
+        return Err(format!("the file has format version {}, this program reads {VERSION}", file.version));
+    }
+    let (found, wanted) = (file.shape, set.shape());
+    if !found.fits(&wanted) {
+        let show = |s: WindowShape| format!("{} + {} frames at {} Hz", s.observed, s.predicted, s.rate_hz);
+        return Err(format!("it parts windows of {}, these have {}", show(found), show(wanted)));
+    }
+    let parts = [ids(set, &file.train)?, ids(set, &file.validation)?, ids(set, &file.test)?];
+    let split = Split::with_hash(set, parts, file.kinds, file.seed, file.straddling);
+    if split.hash != file.hash {
+        return Err(format!("its windows have the hash {}, it says {}: it was changed", split.hash, file.hash));
+    }
+    Ok(split)
+}
+
+/// Ids by name, sorted.
+fn ids(set: &WindowSet<'_>, names: &Names) -> Result<Vec<WindowId>, String> {
+    let recordings: BTreeMap<&str, usize> =
+        set.recordings().iter().enumerate().map(|(i, recording)| (recording.meta().name.as_str(), i)).collect();
+    let mut ids = Vec::new();
+    for (name, stretches) in names {
+        let index = *recordings.get(name.as_str()).ok_or_else(|| format!("recording {name} is not there"))?;
+        let tracks = set.recordings()[index].tracks();
+        for Stretch { vehicle, segment, t0 } in stretches {
+            let key = (*vehicle, *segment);
+            let missing = |frame: u32| {
+                format!("recording {name} has no window of vehicle {vehicle} (segment {segment}) at frame {frame}")
+            };
+            let track = tracks.binary_search_by_key(&key, |track| (track.vehicle, track.segment));
+            for frame in t0 {
+                let track = track.map_err(|_| missing(*frame))?;
+                let row = tracks[track].row_at(*frame).ok_or_else(|| missing(*frame))?;
+                let id = WindowId { recording: index as u32, track: track as u32, row: row as u32 };
+                ids.push(set.get(id).map(|_| id).ok_or_else(|| missing(*frame))?);
+            }
+        }
+    }
+    ids.sort_unstable();
+    if ids.windows(2).any(|pair| pair[0] == pair[1]) {
+        return Err("it names a window twice in one part".to_owned());
+    }
+    Ok(ids)
+}
+
+/// Names of sorted ids. Vehicles are in the order of tracks, which is that of their numbers.
+fn names(set: &WindowSet<'_>, ids: &[WindowId]) -> Names {
+    let mut names = Names::new();
+    for key in ids.iter().filter_map(|id| set.get(*id)).map(|window| window.key()) {
+        let stretches = names.entry(key.recording).or_default();
+        match stretches.last_mut() {
+            Some(last) if (last.vehicle, last.segment) == (key.vehicle, key.segment) => last.t0.push(key.t0),
+            _ => stretches.push(Stretch { vehicle: key.vehicle, segment: key.segment, t0: vec![key.t0] }),
+        }
+    }
+    names
+}
+
+/// SHA-256 of the canonical text: a line with the windows' shape, then a line a window, by part,
+/// recording name, vehicle, segment and frame.
+pub(super) fn hash(set: &WindowSet<'_>, parts: &[Vec<WindowId>; 3]) -> String {
+    let shape = set.shape();
+    let mut digest = Sha256::new();
+    let mut line = format!("windows {} {} {}\n", shape.observed, shape.predicted, shape.rate_hz);
+    digest.update(&line);
+    for (part, ids) in Part::ALL.into_iter().zip(parts) {
+        for (recording, stretches) in names(set, ids) {
+            for Stretch { vehicle, segment, t0 } in stretches {
+                for frame in t0 {
+                    line.clear();
+                    // Writing to a String cannot fail.
+                    let _ = writeln!(line, "{} {recording} {vehicle} {segment} {frame}", part as usize);
+                    digest.update(&line);
+                }
+            }
+        }
+    }
+    digest.finalize().iter().fold(String::with_capacity(64), |mut hex, byte| {
+        let _ = write!(hex, "{byte:02x}");
+        hex
+    })
+}
