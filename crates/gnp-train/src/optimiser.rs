@@ -1,0 +1,269 @@
+//! Adam over named weights, with the norm of the gradient held down.
+
+use std::collections::BTreeMap;
+
+use candle_core::backprop::GradStore;
+use candle_core::{DType, Device, Tensor, Var};
+
+use crate::error::TrainError;
+
+// Published defaults (Kingma and Ba 2015); both networks of the paper are trained with them.
+const BETA_1: f32 = 0.9;
+const BETA_2: f32 = 0.999;
+const EPSILON: f32 = 1e-8;
+
+/// Adam with decoupled weight decay (Loshchilov and Hutter 2019; 0 is plain Adam).
+///
+/// The arithmetic runs on the host in name order, so that a step gives the same bits on every
+/// number of threads, and one pass over each weight does all of it.
+#[derive(Debug)]
+pub struct Adam {
+    weights: BTreeMap<String, Moments>,
+    weight_decay: f64,
+    clip_norm: f64,
+    steps: u64,
+}
+
+#[derive(Debug)]
+struct Moments {
+    var: Var,
+    first: Vec<f32>,
+    second: Vec<f32>,
+}
+
+/// What one step met.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Euclidean norm of the whole gradient, before it was shortened.
+    pub gradient_norm: f64,
+    /// Weights that the loss does not reach; their gradient counts as 0.
+    pub silent: Vec<String>,
+}
+
+impl Adam {
+    /// Adam for `weights`, all of type f32, with moments of 0. `clip_norm` 0 leaves gradients as
+    /// they are.
+    #[must_use]
+    pub fn new(weights: BTreeMap<String, Var>, weight_decay: f64, clip_norm: f64) -> Self {
+        let moments = |var: Var| {
+            let zeros = vec![0.; var.elem_count()];
+            Moments { var, first: zeros.clone(), second: zeros }
+        };
+        let weights = weights.into_iter().map(|(name, var)| (name, moments(var))).collect();
+        Self { weights, weight_decay, clip_norm, steps: 0 }
+    }
+
+    /// Steps taken.
+    #[must_use]
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Moves every weight by one step at learning rate `rate`.
+    ///
+    /// # Errors
+    /// [`TrainError::Gradient`] with the first weight whose gradient is not finite; then no weight
+    /// has moved. [`TrainError::Tensor`] when a gradient cannot be read.
+    pub fn step(&mut self, gradients: &GradStore, rate: f64) -> Result<Step, TrainError> {
+        let mut read = Vec::with_capacity(self.weights.len());
+        let mut silent = Vec::new();
+        let mut squares = 0f64;
+        for (name, weight) in &self.weights {
+            let Some(gradient) = gradients.get(weight.var.as_tensor()) else {
+                silent.push(name.clone());
+                read.push(vec![0.; weight.var.elem_count()]);
+                continue;
+            };
+            let gradient = host(gradient)?;
+            let square: f64 = gradient.iter().map(|g| f64::from(*g) * f64::from(*g)).sum();
+            // A sum of squares of f32 cannot overflow an f64: it is finite when every entry is.
+            if !square.is_finite() {
+                return Err(TrainError::Gradient { weight: name.clone() });
+            }
+            squares += square;
+            read.push(gradient);
+        }
+        let gradient_norm = squares.sqrt();
+        let clipped = self.clip_norm > 0. && gradient_norm > self.clip_norm;
+        let scale = if clipped { (self.clip_norm / gradient_norm) as f32 } else { 1. };
+
+        self.steps += 1;
+        let bias = |beta: f32| 1. - f64::from(beta).powf(self.steps as f64);
+        let size = (rate / bias(BETA_1)) as f32;
+        let root = bias(BETA_2).sqrt() as f32;
+        let kept = (1. - rate * self.weight_decay) as f32;
+        for (weight, gradient) in self.weights.values_mut().zip(read) {
+            let mut values = host(weight.var.as_tensor())?;
+            let moments = weight.first.iter_mut().zip(&mut weight.second);
+            for ((value, gradient), (first, second)) in values.iter_mut().zip(gradient).zip(moments) {
+                let gradient = gradient * scale;
+                *first = BETA_1 * *first + (1. - BETA_1) * gradient;
+                *second = BETA_2 * *second + (1. - BETA_2) * gradient * gradient;
+                *value = kept * *value - size * *first / (second.sqrt() / root + EPSILON);
+            }
+            weight.var.set(&Tensor::from_vec(values, weight.var.shape(), weight.var.device())?)?;
+        }
+        Ok(Step { gradient_norm, silent })
+    }
+
+    /// The first moments, then the second ones, under the names and in the shapes of the weights;
+    /// on the CPU.
+    ///
+    /// # Errors
+    /// When candle cannot make a tensor.
+    pub fn moments(&self) -> Result<[BTreeMap<String, Tensor>; 2], TrainError> {
+        let collect = |of: fn(&Moments) -> &Vec<f32>| -> candle_core::Result<_> {
+            let tensor = |weight: &Moments| Tensor::from_slice(of(weight), weight.var.shape(), &Device::Cpu);
+            self.weights.iter().map(|(name, weight)| Ok((name.clone(), tensor(weight)?))).collect()
+        };
+        Ok([collect(|weight| &weight.first)?, collect(|weight| &weight.second)?])
+    }
+
+    /// Goes on from the moments of an earlier Adam after `steps` steps.
+    ///
+    /// # Errors
+    /// A sentence naming the weight that has no moment or one of another shape.
+    pub(crate) fn restore(&mut self, steps: u64, moments: [&BTreeMap<String, Tensor>; 2]) -> Result<(), String> {
+        for (name, weight) in &mut self.weights {
+            let read = |saved: &BTreeMap<String, Tensor>| matching(name, &weight.var, saved);
+            let [first, second] = moments.map(read);
+            (weight.first, weight.second) = (first?, second?);
+        }
+        self.steps = steps;
+        Ok(())
+    }
+}
+
+/// The values of the tensor that `saved` has for the weight `var`, if it has its shape.
+pub(crate) fn matching(name: &str, var: &Var, saved: &BTreeMap<String, Tensor>) -> Result<Vec<f32>, String> {
+    let Some(tensor) = saved.get(name) else {
+        return Err(format!("weight `{name}` is not in the checkpoint"));
+    };
+    if tensor.shape() != var.shape() {
+        return Err(format!("weight `{name}` has shape {:?} and had {:?}", var.dims(), tensor.dims()));
+    }
+    host(tensor).map_err(|error| format!("weight `{name}`: {error}"))
+}
+
+/// The values of `tensor` in row-major order.
+pub(crate) fn host(tensor: &Tensor) -> candle_core::Result<Vec<f32>> {
+    tensor.to_dtype(DType::F32)?.flatten_all()?.to_vec1()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn var(values: &[f32]) -> Var {
+        Var::new(values, &Device::Cpu).unwrap()
+    }
+
+    /// Gradient of `sum(c * w)` is `c`.
+    fn gradients(pairs: &[(&Var, &[f32])]) -> GradStore {
+        let term = |(var, c): &(&Var, &[f32])| {
+            (var.as_tensor() * Tensor::new(*c, &Device::Cpu).unwrap()).unwrap().sum_all().unwrap()
+        };
+        let terms: Vec<Tensor> = pairs.iter().map(term).collect();
+        Tensor::stack(&terms, 0).unwrap().sum_all().unwrap().backward().unwrap()
+    }
+
+    fn adam(named: &[(&str, &Var)], weight_decay: f64, clip_norm: f64) -> Adam {
+        let weights = named.iter().map(|(name, var)| ((*name).to_owned(), (*var).clone())).collect();
+        Adam::new(weights, weight_decay, clip_norm)
+    }
+
+    fn assert_close(var: &Var, expected: &[f32]) {
+        let values = host(var.as_tensor()).unwrap();
+        for (value, expected) in values.iter().zip(expected) {
+            assert!((value - expected).abs() < 1e-6, "{values:?}");
+        }
+    }
+
+    #[test]
+    fn two_steps_are_those_worked_out_by_hand() {
+        // w = 1, rate 0.1, gradients 2 then -1.
+        // Step 1: m = 0.2, v = 0.004; corrected 2 and 4; w = 1 - 0.1 * 2 / 2 = 0.9.
+        // Step 2: m = 0.18 - 0.1 = 0.08, v = 0.003996 + 0.001 = 0.004996; corrected
+        // 0.08 / 0.19 = 0.4210526 and 0.004996 / 0.001999 = 2.4992496; w = 0.9 - 0.1 * 0.4210526 / 1.5809015.
+        let w = var(&[1.]);
+        let mut adam = adam(&[("w", &w)], 0., 0.);
+        adam.step(&gradients(&[(&w, &[2.])]), 0.1).unwrap();
+        assert_close(&w, &[0.9]);
+        adam.step(&gradients(&[(&w, &[-1.])]), 0.1).unwrap();
+        assert_close(&w, &[0.9 - 0.026_633_7]);
+        assert_eq!(adam.steps(), 2);
+    }
+
+    #[test]
+    fn weight_decay_is_apart_from_the_gradient() {
+        // 1 * (1 - 0.1 * 0.5) - 0.1: a decay inside the gradient would leave 0.9.
+        let w = var(&[1.]);
+        adam(&[("w", &w)], 0.5, 0.).step(&gradients(&[(&w, &[2.])]), 0.1).unwrap();
+        assert_close(&w, &[0.85]);
+    }
+
+    #[test]
+    fn a_long_gradient_is_shortened_over_all_weights_together() {
+        // (3, 0) and (4) have norm 5; shortened to 0.5 they are a tenth: first moments 0.1 * g / 10.
+        let (a, b) = (var(&[0., 0.]), var(&[0.]));
+        let mut optimiser = adam(&[("a", &a), ("b", &b)], 0., 0.5);
+        let step = optimiser.step(&gradients(&[(&a, &[3., 0.]), (&b, &[4.])]), 1e-3).unwrap();
+        assert!((step.gradient_norm - 5.).abs() < 1e-12);
+        let [first, _] = optimiser.moments().unwrap();
+        assert_close(&Var::from_tensor(&first["a"]).unwrap(), &[0.03, 0.]);
+        assert_close(&Var::from_tensor(&first["b"]).unwrap(), &[0.04]);
+        // A short one is left as it is.
+        let mut optimiser = adam(&[("a", &a)], 0., 9.);
+        optimiser.step(&gradients(&[(&a, &[3., 0.])]), 1e-3).unwrap();
+        assert_close(&Var::from_tensor(&optimiser.moments().unwrap()[0]["a"]).unwrap(), &[0.3, 0.]);
+    }
+
+    #[test]
+    fn a_gradient_that_is_not_finite_names_its_weight_and_moves_nothing() {
+        for bad in [f32::NAN, f32::INFINITY] {
+            let (a, b) = (var(&[1.]), var(&[2., 3.]));
+            let mut adam = adam(&[("a", &a), ("b", &b)], 0., 1.);
+            let error = adam.step(&gradients(&[(&a, &[1.]), (&b, &[0., bad])]), 0.1).unwrap_err();
+            assert!(matches!(&error, TrainError::Gradient { weight } if weight == "b"), "{error}");
+            assert_close(&a, &[1.]);
+            assert_eq!(adam.steps(), 0);
+        }
+    }
+
+    #[test]
+    fn a_weight_out_of_reach_is_named_and_stays() {
+        let (a, b) = (var(&[1.]), var(&[2.]));
+        let step = adam(&[("a", &a), ("b", &b)], 0., 0.).step(&gradients(&[(&a, &[1.])]), 0.1).unwrap();
+        assert_eq!(step.silent, ["b"]);
+        assert_close(&b, &[2.]);
+    }
+
+    #[test]
+    fn transposed_weights_get_their_own_entries() {
+        // The gradient of `w.t()` times something is not contiguous in memory.
+        let w = Var::from_vec(vec![0f32; 6], (2, 3), &Device::Cpu).unwrap();
+        let c = Tensor::new(&[[1f32, -1.], [1., 1.], [-1., 1.]], &Device::Cpu).unwrap();
+        let loss = (w.as_tensor().t().unwrap() * c).unwrap().sum_all().unwrap();
+        adam(&[("w", &w)], 0., 0.).step(&loss.backward().unwrap(), 0.1).unwrap();
+        assert_close(&w, &[-0.1, -0.1, 0.1, 0.1, -0.1, -0.1]);
+    }
+
+    #[test]
+    fn restored_moments_go_on_as_if_never_left() {
+        let run = |interrupted: bool| {
+            let w = var(&[1., -2.]);
+            let mut optimiser = adam(&[("w", &w)], 0.1, 0.);
+            for (i, c) in [[2f32, 1.], [-1., 3.], [0.5, 0.1]].iter().enumerate() {
+                if interrupted && i == 2 {
+                    let [first, second] = optimiser.moments().unwrap();
+                    let steps = optimiser.steps();
+                    optimiser = adam(&[("w", &w)], 0.1, 0.);
+                    optimiser.restore(steps, [&first, &second]).unwrap();
+                }
+                optimiser.step(&gradients(&[(&w, c)]), 0.1).unwrap();
+            }
+            host(w.as_tensor()).unwrap()
+        };
+        assert_eq!(run(true), run(false));
+    }
+}
