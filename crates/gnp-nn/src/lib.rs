@@ -19,7 +19,7 @@ mod dropout;
 mod layers;
 mod weights;
 
-pub use crate::dropout::Dropout;
+pub use crate::dropout::{Dropout, DropoutMask};
 pub use crate::layers::{LayerNorm, Linear, Lstm, LstmState, Mlp, layer_norm, linear};
 pub use crate::weights::Weights;
 

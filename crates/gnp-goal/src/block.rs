@@ -1,0 +1,62 @@
+//! One layer of the transformer.
+
+use candle_core::{Result, Tensor};
+use candle_nn::{Linear, Module, VarBuilder};
+use gnp_nn::{Dropout, DropoutMask, LayerNorm, layer_norm, linear};
+
+use crate::attention::Attention;
+
+/// A post-norm transformer layer: attention, then feed-forward with ReLU, each added to what came
+/// in and normalised.
+#[derive(Clone, Debug)]
+pub(crate) struct Block {
+    attention: Attention,
+    norm1: LayerNorm,
+    norm2: LayerNorm,
+    hidden: Linear,
+    output: Linear,
+}
+
+/// Masks of a block: for what attention gives, and for what feed-forward gives.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BlockMasks {
+    pub(crate) attention: DropoutMask,
+    pub(crate) feed_forward: DropoutMask,
+}
+
+impl BlockMasks {
+    /// The next two masks of a training step, none for inference.
+    pub(crate) fn draw(dropout: Option<&mut Dropout>) -> Self {
+        match dropout {
+            Some(dropout) => Self { attention: dropout.draw(), feed_forward: dropout.draw() },
+            None => Self { attention: DropoutMask::NONE, feed_forward: DropoutMask::NONE },
+        }
+    }
+}
+
+impl Block {
+    /// Named `attn`, `n1`, `n2`, `f1` and `f2` under `vb`.
+    pub(crate) fn new(width: usize, heads: usize, feed_forward: usize, vb: VarBuilder) -> Result<Self> {
+        Ok(Self {
+            attention: Attention::new(width, heads, vb.pp("attn"))?,
+            norm1: layer_norm(width, vb.pp("n1"))?,
+            norm2: layer_norm(width, vb.pp("n2"))?,
+            hidden: linear(width, feed_forward * width, vb.pp("f1"))?,
+            output: linear(feed_forward * width, width, vb.pp("f2"))?,
+        })
+    }
+
+    /// `x` `[batch, l, width]` attends to `keys` `[batch, m, width]` (see [`Attention::forward`]).
+    pub(crate) fn forward(
+        &self,
+        x: &Tensor,
+        keys: &Tensor,
+        mask: Option<&Tensor>,
+        masks: BlockMasks,
+    ) -> Result<Tensor> {
+        let gathered = masks.attention.apply(&self.attention.forward(x, keys, mask)?)?;
+        let x = self.norm1.forward(&(x + gathered)?)?;
+        let y = masks.feed_forward.apply(&self.output.forward(&self.hidden.forward(&x)?.relu()?)?)?;
+        self.norm2.forward(&(x + y)?)
+    }
+}

@@ -1,0 +1,132 @@
+//! The form of the network.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::GoalError;
+
+/// The form of the network: the network's part of a configuration's `[goal]` table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalConfig {
+    /// Width `D` of a token; 64 in the paper.
+    pub width: usize,
+    /// Attention heads, a divisor of the width; 4 in the paper.
+    pub heads: usize,
+    /// Encoder layers; 2 in the paper.
+    pub layers: usize,
+    /// Hidden units of a feed-forward part, as a multiple of the width; 2 in the paper.
+    pub feed_forward: usize,
+    /// Share of values dropped in training, after each attention and each feed-forward part, before
+    /// they are added; 0.1 in the paper.
+    pub dropout: f32,
+    /// Where modes get their probability.
+    pub probability: ProbabilityHead,
+    /// What the goal head gives.
+    pub regression: Regression,
+    /// Whether the decoder has one more, learned key that is always there, so that a vehicle alone
+    /// attends to something and one among others may attend to no one.
+    pub nobody: bool,
+    /// Whether each neighbour slot adds its own learned vector, so that the network knows who is
+    /// ahead and who is beside. Otherwise the order of the neighbours does not matter.
+    pub slot_code: bool,
+}
+
+/// Where modes get their probability.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProbabilityHead {
+    /// From the encoder, before any neighbour is seen; only the modes picked are decoded. The
+    /// published form.
+    Encoder,
+    /// From the decoder: every mode is decoded, and its probability knows the neighbours.
+    Decoder,
+}
+
+/// What the goal head gives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Regression {
+    /// The future itself. The published form.
+    Absolute,
+    /// The future's difference from the mode's centre.
+    Residual,
+}
+
+/// Sizes that come from the data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GoalShape {
+    /// Values of a flattened observation.
+    pub observed: usize,
+    /// Values of a neighbour's flattened track.
+    pub neighbour: usize,
+    /// Neighbour slots `N`.
+    pub slots: usize,
+    /// Predicted frames `T_p`.
+    pub t_pred: usize,
+}
+
+impl GoalConfig {
+    /// # Errors
+    /// When a setting is out of range; the message names the key and the remedy.
+    pub fn check(&self) -> Result<(), GoalError> {
+        let wrong =
+            |key, value: String, remedy: &str| Err(GoalError::Setting { key, value, remedy: remedy.to_owned() });
+        for (key, value) in [("width", self.width), ("heads", self.heads), ("feed_forward", self.feed_forward)] {
+            if value == 0 {
+                return wrong(key, value.to_string(), "set it to 1 or more");
+            }
+        }
+        if !self.width.is_multiple_of(self.heads) {
+            let remedy = format!("choose a divisor of goal.width, which is {}", self.width);
+            return wrong("heads", self.heads.to_string(), &remedy);
+        }
+        if !(0. ..1.).contains(&self.dropout) {
+            return wrong("dropout", self.dropout.to_string(), "set it to 0 or more and below 1");
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_setting_out_of_range_is_named() {
+        let good = GoalConfig {
+            width: 12,
+            heads: 3,
+            layers: 0,
+            feed_forward: 2,
+            dropout: 0.,
+            probability: ProbabilityHead::Encoder,
+            regression: Regression::Absolute,
+            nobody: false,
+            slot_code: false,
+        };
+        assert!(good.check().is_ok());
+        for (bad, key) in [
+            (GoalConfig { width: 0, ..good.clone() }, "goal.width"),
+            (GoalConfig { heads: 0, ..good.clone() }, "goal.heads"),
+            (GoalConfig { heads: 5, ..good.clone() }, "goal.heads"),
+            (GoalConfig { feed_forward: 0, ..good.clone() }, "goal.feed_forward"),
+            (GoalConfig { dropout: 1., ..good.clone() }, "goal.dropout"),
+            (GoalConfig { dropout: -0.1, ..good.clone() }, "goal.dropout"),
+            (GoalConfig { dropout: f32::NAN, ..good.clone() }, "goal.dropout"),
+        ] {
+            let message = bad.check().unwrap_err().to_string();
+            assert!(message.contains(key), "{message}");
+        }
+    }
+
+    #[test]
+    fn it_reads_back_and_refuses_unknown_keys() {
+        let text = r#"{"width": 64, "heads": 4, "layers": 2, "feed_forward": 2, "dropout": 0.125,
+            "probability": "decoder", "regression": "residual", "nobody": true, "slot_code": true}"#;
+        let config: GoalConfig = serde_json::from_str(text).unwrap();
+        assert_eq!(config.probability, ProbabilityHead::Decoder);
+        let again = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();
+        assert_eq!(config, again);
+        assert!(serde_json::from_str::<GoalConfig>(&text.replace("heads", "head")).is_err());
+    }
+}

@@ -1,0 +1,212 @@
+//! The network as a whole.
+
+use candle_core::{D, Tensor};
+use candle_nn::{Init, Linear, Module, VarBuilder};
+use gnp_nn::{Dropout, linear};
+
+use crate::block::{Block, BlockMasks};
+use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
+use crate::error::GoalError;
+use crate::pick::{Pick, rows};
+
+/// Goal prediction: modes as tokens, weighed against the observation and the neighbours.
+#[derive(Clone, Debug)]
+pub struct GoalNet {
+    config: GoalConfig,
+    shape: GoalShape,
+    mode: Linear,
+    observed: Linear,
+    neighbour: Linear,
+    encoder: Vec<Block>,
+    decoder: Block,
+    probability: Linear,
+    goal: Linear,
+    nobody: Option<Tensor>,
+    slot: Option<Tensor>,
+}
+
+/// What [`GoalNet::forward`] gives.
+#[derive(Clone, Debug)]
+pub struct GoalOutput {
+    /// Unnormalised log-probability of every mode, `[batch, modes]`.
+    pub logits: Tensor,
+    /// Future of every mode picked, `[batch, k, t_pred, 2]`, m, in the frame of the modes.
+    pub futures: Tensor,
+    /// The modes picked, `[batch, k]` of `u32`.
+    pub indices: Tensor,
+}
+
+/// What [`GoalNet::predict`] gives, likeliest first.
+#[derive(Clone, Debug)]
+pub struct Goals {
+    /// `[batch, k, t_pred, 2]`, m, in the frame of the modes; the last point of each is the goal.
+    pub futures: Tensor,
+    /// `[batch, k]`, summing to 1 over the `k`.
+    pub probabilities: Tensor,
+    /// Modes, `[batch, k]` of `u32`.
+    pub indices: Tensor,
+}
+
+impl GoalNet {
+    /// A network under `vb` for data of `shape`. Its weights are named `mode`, `obs`, `nei`,
+    /// `enc.0`.., `dec`, `prob` and `goal`, and `nobody` and `slot` where the configuration has them.
+    ///
+    /// # Errors
+    /// When a setting is out of range, or `vb` holds weights of another shape under these names.
+    pub fn new(config: &GoalConfig, shape: GoalShape, vb: VarBuilder) -> Result<Self, GoalError> {
+        config.check()?;
+        let width = config.width;
+        let block = |vb| Block::new(width, config.heads, config.feed_forward, vb);
+        let learned = |shape: &[usize], name| {
+            let bound = 1. / (width as f64).sqrt();
+            vb.get_with_hints(shape, name, Init::Uniform { lo: -bound, up: bound })
+        };
+        Ok(Self {
+            mode: linear(2 * shape.t_pred, width, vb.pp("mode"))?,
+            observed: linear(shape.observed, width, vb.pp("obs"))?,
+            neighbour: linear(shape.neighbour, width, vb.pp("nei"))?,
+            encoder: (0..config.layers).map(|i| block(vb.pp("enc").pp(i))).collect::<Result<_, _>>()?,
+            decoder: block(vb.pp("dec"))?,
+            probability: linear(width, 1, vb.pp("prob"))?,
+            goal: linear(width, 2 * shape.t_pred, vb.pp("goal"))?,
+            nobody: config.nobody.then(|| learned(&[width], "nobody")).transpose()?,
+            slot: config.slot_code.then(|| learned(&[shape.slots, width], "slot")).transpose()?,
+            config: config.clone(),
+            shape,
+        })
+    }
+
+    /// Logits of all modes, and futures of those that `pick` names.
+    ///
+    /// A window without any neighbour, in a network without `nobody`, gathers nothing from the
+    /// decoder's attention but the bias of its output map. What stands in the track of an absent
+    /// neighbour never matters, as long as it is finite.
+    ///
+    /// # Shapes
+    /// - `observed` `[batch, observed]`: the target's features
+    /// - `neighbours` `[batch, slots, neighbour]`, `mask` `[batch, slots]`: 1 where there is one, else 0
+    /// - `modes` `[modes, t_pred, 2]`, m: the centres
+    /// - `dropout`: one in training, none for inference
+    ///
+    /// # Errors
+    /// When a shape differs from the network's; the message has both.
+    pub fn forward(
+        &self,
+        observed: &Tensor,
+        neighbours: &Tensor,
+        mask: &Tensor,
+        modes: &Tensor,
+        pick: &Pick,
+        mut dropout: Option<&mut Dropout>,
+    ) -> Result<GoalOutput, GoalError> {
+        let batch = self.check(observed, neighbours, mask, modes, pick)?;
+        let modes = modes.flatten_from(1)?;
+        // Modes are embedded once a batch, not once a window.
+        let embedded = self.mode.forward(&modes)?.unsqueeze(0)?;
+        let mut x = embedded.broadcast_add(&self.observed.forward(observed)?.unsqueeze(1)?)?;
+        for block in &self.encoder {
+            x = block.forward(&x, &x, None, BlockMasks::draw(dropout.as_deref_mut()))?;
+        }
+        let (keys, mask) = self.keys(neighbours, mask)?;
+        let masks = BlockMasks::draw(dropout);
+        let decode = |x: &Tensor| self.decoder.forward(x, &keys, Some(&mask), masks);
+        let logits = |x: &Tensor| self.probability.forward(x)?.squeeze(D::Minus1);
+        let (logits, decoded, indices) = match self.config.probability {
+            ProbabilityHead::Encoder => {
+                let logits = logits(&x)?;
+                let indices = pick.indices(&logits)?;
+                (logits, decode(&rows(&x, &indices)?)?, indices)
+            }
+            ProbabilityHead::Decoder => {
+                let all = decode(&x)?;
+                let logits = logits(&all)?;
+                let indices = pick.indices(&logits)?;
+                (logits, rows(&all, &indices)?, indices)
+            }
+        };
+        let mut futures = self.goal.forward(&decoded)?;
+        if self.config.regression == Regression::Residual {
+            let centres = modes.index_select(&indices.flatten_all()?, 0)?;
+            futures = (futures + centres.reshape((batch, (), 2 * self.shape.t_pred))?)?;
+        }
+        let futures = futures.reshape((batch, (), self.shape.t_pred, 2))?;
+        Ok(GoalOutput { logits, futures, indices })
+    }
+
+    /// The `k` most probable goals, or all where there are fewer modes; arguments as for
+    /// [`GoalNet::forward`].
+    ///
+    /// # Errors
+    /// As [`GoalNet::forward`].
+    pub fn predict(
+        &self,
+        observed: &Tensor,
+        neighbours: &Tensor,
+        mask: &Tensor,
+        modes: &Tensor,
+        k: usize,
+    ) -> Result<Goals, GoalError> {
+        let output = self.forward(observed, neighbours, mask, modes, &Pick::MostProbable(k), None)?;
+        let probabilities = candle_nn::ops::softmax(&output.logits.gather(&output.indices, 1)?, 1)?;
+        Ok(Goals { futures: output.futures, probabilities, indices: output.indices })
+    }
+
+    /// Its form.
+    #[must_use]
+    pub fn config(&self) -> &GoalConfig {
+        &self.config
+    }
+
+    /// The sizes it was made for.
+    #[must_use]
+    pub fn shape(&self) -> GoalShape {
+        self.shape
+    }
+
+    /// What the decoder attends to: neighbours, coded by slot, and nobody; with their mask.
+    fn keys(&self, neighbours: &Tensor, mask: &Tensor) -> candle_core::Result<(Tensor, Tensor)> {
+        let mut keys = self.neighbour.forward(neighbours)?;
+        if let Some(slot) = &self.slot {
+            keys = keys.broadcast_add(slot)?;
+        }
+        let Some(nobody) = &self.nobody else { return Ok((keys, mask.clone())) };
+        let (batch, _, width) = keys.dims3()?;
+        let nobody = nobody.broadcast_as((batch, 1, width))?;
+        let always = Tensor::ones((batch, 1), mask.dtype(), mask.device())?;
+        Ok((Tensor::cat(&[&keys, &nobody], 1)?, Tensor::cat(&[mask, &always], 1)?))
+    }
+
+    /// The batch size, after every shape was compared.
+    fn check(
+        &self,
+        observed: &Tensor,
+        neighbours: &Tensor,
+        mask: &Tensor,
+        modes: &Tensor,
+        pick: &Pick,
+    ) -> Result<usize, GoalError> {
+        let wrong = |name, tensor: &Tensor, needed: String| {
+            Err(GoalError::Shape { name, found: tensor.dims().to_vec(), needed })
+        };
+        let GoalShape { observed: features, neighbour, slots, t_pred } = self.shape;
+        let batch = match *observed.dims() {
+            [batch, found] if found == features => batch,
+            _ => return wrong("observed", observed, format!("[batch, {features}]")),
+        };
+        if neighbours.dims() != [batch, slots, neighbour] {
+            return wrong("neighbours", neighbours, format!("[{batch}, {slots}, {neighbour}]"));
+        }
+        if mask.dims() != [batch, slots] {
+            return wrong("mask", mask, format!("[{batch}, {slots}]"));
+        }
+        if modes.rank() != 3 || modes.dims()[0] == 0 || modes.dims()[1..] != [t_pred, 2] {
+            return wrong("modes", modes, format!("[modes, {t_pred}, 2] with at least one mode"));
+        }
+        match pick {
+            Pick::Indices(indices) if indices.rank() != 2 || indices.dims()[0] != batch => {
+                wrong("pick", indices, format!("[{batch}, k]"))
+            }
+            _ => Ok(batch),
+        }
+    }
+}
