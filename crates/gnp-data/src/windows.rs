@@ -62,6 +62,17 @@ impl WindowConfig {
         })
     }
 
+    /// What becomes of the candidate windows of one recording, none kept: a report on recordings
+    /// that are read one at a time.
+    ///
+    /// # Errors
+    /// As [`WindowConfig::shape_for`].
+    pub fn count(&self, recording: &Recording) -> Result<RecordingDrops, DataError> {
+        let rate_hz = recording.meta().rate_hz;
+        let (shape, stride) = (self.shape_for(rate_hz)?, self.stride_for(rate_hz)?);
+        Ok(cut_recording(0, recording, shape, stride, &mut Vec::new()))
+    }
+
     /// Recorded frames from one window of a track to the next.
     fn stride_for(&self, recording_hz: f64) -> Result<usize, DataError> {
         frames("stride_s", self.stride_s, recording_hz)
