@@ -1,1 +1,20 @@
-//! GNP as one predictor: windows to features, goals, paths and forces; checkpoints.
+//! GNP as one predictor: observed windows in, goals, paths and the forces behind them out.
+//!
+//! [`Gnp::load`] reads a run folder (modes, goal network, social force) and implements
+//! [`gnp_data::Predictor`]. [`Features`] turns windows into what the networks take, the same for
+//! training and prediction. [`Checkpoint`] is the file format of the weights.
+
+mod checkpoint;
+mod error;
+mod features;
+mod gnp;
+mod joint;
+mod scene;
+mod seen;
+
+pub use crate::checkpoint::{Checkpoint, Header, Part};
+pub use crate::error::ModelError;
+pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation};
+pub use crate::gnp::{Gnp, GoalHead, Oracle};
+pub use crate::scene::NeighbourFuture;
+pub use crate::seen::{Seen, SeenNeighbour};

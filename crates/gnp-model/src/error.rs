@@ -1,0 +1,64 @@
+//! What can go wrong between windows and forecasts.
+
+use std::path::PathBuf;
+
+use gnp_data::WindowShape;
+
+/// Why a model could not be made, loaded or used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// A configuration value that cannot work.
+    #[error("`{key}` {problem}")]
+    Config {
+        /// Key of the configuration.
+        key: &'static str,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+    /// Windows of another shape than the model's.
+    #[error(
+        "the model was made for {} observed and {} predicted frames at {} Hz, the windows have {} and {} at {} Hz: \
+         set windows.rate_hz, observed_s and predicted_s to the model's, or train one for this rate",
+        needs.observed, needs.predicted, needs.rate_hz, found.observed, found.predicted, found.rate_hz
+    )]
+    Shape {
+        /// What the model was made for.
+        needs: WindowShape,
+        /// What came.
+        found: WindowShape,
+    },
+    /// A checkpoint that cannot be read or does not fit.
+    #[error("{}: {problem}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+    /// From the recordings and windows.
+    #[error(transparent)]
+    Data(#[from] gnp_data::DataError),
+    /// From the intention modes.
+    #[error(transparent)]
+    Modes(#[from] gnp_modes::ModeError),
+    /// From the goal network.
+    #[error(transparent)]
+    Goal(#[from] gnp_goal::GoalError),
+    /// From the neural social force.
+    #[error(transparent)]
+    Traj(#[from] gnp_traj::TrajError),
+    /// From candle.
+    #[error(transparent)]
+    Candle(#[from] candle_core::Error),
+}
+
+impl ModelError {
+    pub(crate) fn config(key: &'static str, problem: &str) -> Self {
+        Self::Config { key, problem: problem.to_owned() }
+    }
+
+    pub(crate) fn checkpoint(path: &std::path::Path, problem: impl Into<String>) -> Self {
+        Self::Checkpoint { path: path.to_owned(), problem: problem.into() }
+    }
+}

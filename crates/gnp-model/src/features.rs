@@ -1,0 +1,293 @@
+//! Windows to the tensors that the networks take, and back.
+
+use candle_core::{Device, Tensor};
+use gnp_data::{LineKind, Observation, SLOTS, Standardiser, Window, WindowShape};
+use gnp_goal::GoalShape;
+use gnp_modes::{Departure, ModeFrame, Modes, from_mode_frame, to_mode_frame};
+use serde::{Deserialize, Serialize};
+
+use crate::error::ModelError;
+use crate::seen::Seen;
+
+/// In which quantities the goal network sees motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Representation {
+    /// Positions and velocities in the window's frame, as published.
+    Position,
+    /// Deviations from constant velocity: the past of the target, its futures and its modes;
+    /// neighbours relative to the target. Modes then describe manoeuvres instead of speeds.
+    Deviation,
+}
+
+/// How windows become numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FeatureConfig {
+    /// Quantities the goal network sees.
+    pub representation: Representation,
+    /// Unit of the futures and modes inside the goal network, m.
+    pub length_scale: f64,
+    /// Seconds of the past over which the velocity at the last observed frame is fitted; 0 takes
+    /// one frame.
+    pub velocity_window_s: f64,
+}
+
+impl FeatureConfig {
+    /// Refuses values that cannot work.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] with the key and the remedy.
+    pub fn check(&self) -> Result<(), ModelError> {
+        if !(self.length_scale.is_finite() && self.length_scale > 0.) {
+            return Err(ModelError::config("features.length_scale", "must be a positive number of metres"));
+        }
+        if !(self.velocity_window_s.is_finite() && self.velocity_window_s >= 0.) {
+            return Err(ModelError::config("features.velocity_window_s", "must be 0 or a positive number of seconds"));
+        }
+        Ok(())
+    }
+}
+
+/// Farthest lane line that the goal network is told of, m.
+const LINE_REACH: f32 = 6.;
+
+/// What the goal network takes.
+#[derive(Clone, Debug)]
+pub struct GoalInputs {
+    /// `[batch, observed features]`.
+    pub observed: Tensor,
+    /// `[batch, 8, neighbour features]`; zeros where nobody is.
+    pub neighbours: Tensor,
+    /// `[batch, 8]`, 1 where somebody is at the last observed frame.
+    pub mask: Tensor,
+}
+
+/// Turns windows into network inputs; holds the statistics of the training part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Features {
+    config: FeatureConfig,
+    shape: WindowShape,
+    observed: Standardiser,
+    neighbour: Standardiser,
+}
+
+impl Features {
+    /// Fits the standardisation on `training` windows, which must be of the training part alone.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] for a bad configuration, [`ModelError::Data`] without any window.
+    pub fn fit<'a>(
+        config: &FeatureConfig,
+        shape: WindowShape,
+        training: impl Iterator<Item = Observation<'a>> + Clone,
+    ) -> Result<Self, ModelError> {
+        config.check()?;
+        let config = config.clone();
+        let target = training.clone().map(|o| observed_row(&config, &Seen::recorded(o)));
+        let observed = Standardiser::fit(target)?;
+        let neighbours = training.flat_map(|o| {
+            let seen = Seen::recorded(o);
+            let velocity = seen.velocity(config.velocity_window_s);
+            (0..SLOTS).filter_map(|slot| neighbour_row(&config, &seen, velocity, slot)).collect::<Vec<_>>()
+        });
+        let mut neighbours = neighbours.peekable();
+        let neighbour = if neighbours.peek().is_some() {
+            Standardiser::fit(neighbours)?
+        } else {
+            // Nobody ever has a neighbour: one row of zeros leaves features as they are.
+            Standardiser::fit([vec![0f32; neighbour_width(&config, shape)]])?
+        };
+        Ok(Self { config, shape, observed, neighbour })
+    }
+
+    /// The configuration.
+    #[must_use]
+    pub fn config(&self) -> &FeatureConfig {
+        &self.config
+    }
+
+    /// The windows' shape.
+    #[must_use]
+    pub fn shape(&self) -> WindowShape {
+        self.shape
+    }
+
+    /// The frame of modes and futures.
+    #[must_use]
+    pub fn mode_frame(&self) -> ModeFrame {
+        match self.config.representation {
+            Representation::Position => ModeFrame::Position,
+            Representation::Deviation => ModeFrame::Deviation,
+        }
+    }
+
+    /// Sizes of the goal network's inputs and outputs.
+    #[must_use]
+    pub fn goal_shape(&self) -> GoalShape {
+        GoalShape {
+            observed: self.observed.features(),
+            neighbour: self.neighbour.features(),
+            slots: SLOTS,
+            t_pred: self.shape.predicted,
+        }
+    }
+
+    /// Inputs of the goal network.
+    ///
+    /// # Errors
+    /// [`ModelError::Shape`] when a window has another shape than these features, candle's errors.
+    pub fn goal_inputs(&self, seen: &[Seen<'_>], device: &Device) -> Result<GoalInputs, ModelError> {
+        let (fo, fn_) = (self.observed.features(), self.neighbour.features());
+        let mut observed = Vec::with_capacity(seen.len() * fo);
+        let mut neighbours = vec![0f32; seen.len() * SLOTS * fn_];
+        let mut mask = vec![0f32; seen.len() * SLOTS];
+        for (b, seen) in seen.iter().enumerate() {
+            self.check_shape(seen.observation())?;
+            let mut row = observed_row(&self.config, seen);
+            self.observed.apply(&mut row)?;
+            observed.extend_from_slice(&row);
+            let velocity = seen.velocity(self.config.velocity_window_s);
+            for slot in 0..SLOTS {
+                if let Some(mut row) = neighbour_row(&self.config, seen, velocity, slot) {
+                    self.neighbour.apply(&mut row)?;
+                    let at = b * SLOTS + slot;
+                    neighbours[at * fn_..(at + 1) * fn_].copy_from_slice(&row);
+                    mask[at] = 1.;
+                }
+            }
+        }
+        let b = seen.len();
+        Ok(GoalInputs {
+            observed: Tensor::from_vec(observed, (b, fo), device)?,
+            neighbours: Tensor::from_vec(neighbours, (b, SLOTS, fn_), device)?,
+            mask: Tensor::from_vec(mask, (b, SLOTS), device)?,
+        })
+    }
+
+    /// The true future of a window in the modes' frame, `[t_pred, 2]`, m.
+    #[must_use]
+    pub fn future(&self, seen: &Seen<'_>, window: &Window<'_>) -> Vec<f32> {
+        let truth = window.truth();
+        let path: Vec<f32> = (0..self.shape.predicted)
+            .flat_map(|j| {
+                let state = seen.true_target(&truth, j);
+                [state.x, state.y]
+            })
+            .collect();
+        to_mode_frame(&path, &self.departure(seen), self.mode_frame())
+    }
+
+    /// True futures in the modes' frame and in units of `length_scale`, `[batch, t_pred, 2]`.
+    ///
+    /// # Errors
+    /// Those of candle.
+    pub fn futures(&self, windows: &[(Seen<'_>, Window<'_>)], device: &Device) -> Result<Tensor, ModelError> {
+        let all: Vec<f32> = windows.iter().flat_map(|(seen, window)| self.future(seen, window)).collect();
+        self.scaled(all, windows.len(), device)
+    }
+
+    /// Mode centres in units of `length_scale`, `[modes, t_pred, 2]`.
+    ///
+    /// # Errors
+    /// Those of candle.
+    pub fn centres(&self, modes: &Modes, device: &Device) -> Result<Tensor, ModelError> {
+        self.scaled(modes.centres.clone(), modes.len(), device)
+    }
+
+    /// A path of the goal network, `[t_pred, 2]` in the modes' frame and m, in the window's frame.
+    #[must_use]
+    pub fn to_window_frame(&self, seen: &Seen<'_>, path: &[f32]) -> Vec<[f32; 2]> {
+        let path = from_mode_frame(path, &self.departure(seen), self.mode_frame());
+        path.chunks_exact(2).map(|p| [p[0], p[1]]).collect()
+    }
+
+    fn scaled(&self, values: Vec<f32>, n: usize, device: &Device) -> Result<Tensor, ModelError> {
+        let tensor = Tensor::from_vec(values, (n, self.shape.predicted, 2), device)?;
+        Ok((tensor / self.config.length_scale)?)
+    }
+
+    /// Refuses a window whose frames are not those the features were fitted on.
+    ///
+    /// # Errors
+    /// [`ModelError::Shape`] with both shapes.
+    pub fn check_shape(&self, observation: &Observation<'_>) -> Result<(), ModelError> {
+        let found = observation.shape();
+        let same = found.observed == self.shape.observed
+            && found.predicted == self.shape.predicted
+            && (found.rate_hz - self.shape.rate_hz).abs() < 1e-6;
+        if same { Ok(()) } else { Err(ModelError::Shape { needs: self.shape, found }) }
+    }
+
+    /// From where the modes' frame sets out.
+    fn departure(&self, seen: &Seen<'_>) -> Departure {
+        let velocity = seen.velocity(self.config.velocity_window_s);
+        Departure { origin: [0.; 2], heading: 0., velocity, dt: self.shape.dt() as f32 }
+    }
+}
+
+/// Features of the target, before standardising.
+fn observed_row(config: &FeatureConfig, seen: &Seen<'_>) -> Vec<f32> {
+    let shape = seen.observation().shape();
+    let mut row = Vec::with_capacity(4 * shape.observed + 8);
+    match config.representation {
+        Representation::Position => {
+            for i in 0..shape.observed {
+                let state = seen.target(i);
+                row.extend([state.x, state.y, state.vx, state.vy]);
+            }
+        }
+        Representation::Deviation => {
+            let velocity = seen.velocity(config.velocity_window_s);
+            for i in 0..shape.observed {
+                let state = seen.target(i);
+                let t = (shape.observed - 1 - i) as f32 * shape.dt() as f32;
+                row.extend([state.x + velocity[0] * t, state.y + velocity[1] * t]);
+                row.extend([state.vx - velocity[0], state.vy - velocity[1]]);
+            }
+            row.extend(velocity);
+            row.extend(seen.observation().size());
+            row.extend(nearest_lines(seen));
+        }
+    }
+    row
+}
+
+/// Distance to the nearest line on the right and on the left, and whether each is a boundary.
+fn nearest_lines(seen: &Seen<'_>) -> [f32; 4] {
+    let lines = seen.lines();
+    let right = lines.iter().rev().find(|line| line.y <= 0.);
+    let left = lines.iter().find(|line| line.y > 0.);
+    let distance = |line: Option<&gnp_data::LaneLine>| line.map_or(LINE_REACH, |line| line.y.abs().min(LINE_REACH));
+    let edge = |line: Option<&gnp_data::LaneLine>| f32::from(line.is_none_or(|line| line.kind == LineKind::Boundary));
+    [distance(right), distance(left), edge(right), edge(left)]
+}
+
+fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
+    match config.representation {
+        Representation::Position => 4 * shape.observed,
+        Representation::Deviation => 5 * shape.observed + 2,
+    }
+}
+
+/// Features of the neighbour in `slot`, before standardising; zeros in frames without it.
+fn neighbour_row(config: &FeatureConfig, seen: &Seen<'_>, velocity: [f32; 2], slot: usize) -> Option<Vec<f32>> {
+    let neighbour = seen.neighbour(slot)?;
+    let shape = seen.observation().shape();
+    let mut row = Vec::with_capacity(neighbour_width(config, shape));
+    for i in 0..shape.observed {
+        match (config.representation, neighbour.state(i)) {
+            (Representation::Position, Some(state)) => row.extend([state.x, state.y, state.vx, state.vy]),
+            (Representation::Position, None) => row.extend([0.; 4]),
+            (Representation::Deviation, Some(state)) => {
+                let own = seen.target(i);
+                row.extend([state.x - own.x, state.y - own.y, state.vx - velocity[0], state.vy - velocity[1], 1.]);
+            }
+            (Representation::Deviation, None) => row.extend([0.; 5]),
+        }
+    }
+    if config.representation == Representation::Deviation {
+        row.extend(neighbour.size());
+    }
+    Some(row)
+}

@@ -1,0 +1,344 @@
+//! The predictor: goal network and social force behind one trait.
+
+use std::path::Path;
+
+use candle_core::{Device, Tensor};
+use gnp_data::{
+    Explanation, Forecast, InformedPredictor, Mode, Observation, PredictError, Predictor, SLOTS, StepForces, Truth,
+    Window, WindowShape,
+};
+use gnp_goal::GoalNet;
+use gnp_modes::Modes;
+use gnp_nn::Weights;
+use gnp_traj::{Phase, RollOut, Scene, SocialForce};
+
+use crate::checkpoint::{Checkpoint, Header, Part};
+use crate::error::ModelError;
+use crate::features::Features;
+use crate::scene::NeighbourFuture;
+use crate::seen::Seen;
+
+/// A trained GNP.
+#[derive(Debug)]
+pub struct Gnp {
+    pub(crate) features: Features,
+    modes: Modes,
+    /// Mode centres in units of `length_scale`, `[modes, t_pred, 2]`.
+    centres: Tensor,
+    goal: GoalNet,
+    pub(crate) force: Option<(SocialForce, Phase)>,
+    neighbours: NeighbourFuture,
+    explain: bool,
+    pub(crate) device: Device,
+    header: Header,
+    name: String,
+}
+
+/// Goals and whole futures of the goal network, in the window's frame.
+#[derive(Clone, Debug)]
+pub(crate) struct Goals {
+    /// Likeliest first, by window.
+    pub(crate) futures: Vec<Vec<Vec<[f32; 2]>>>,
+    /// Summing to 1 by window.
+    pub(crate) probabilities: Vec<Vec<f32>>,
+}
+
+impl Gnp {
+    /// Loads a run folder: `modes.safetensors`, `goal.safetensors`, and `repulsion.safetensors` or,
+    /// without it, `attraction.safetensors`. A folder with neither force gives the goal head alone.
+    ///
+    /// # Errors
+    /// [`ModelError::Checkpoint`] naming the file, also when the parts were not trained together.
+    pub fn load(folder: &Path, neighbours: NeighbourFuture, device: &Device) -> Result<Self, ModelError> {
+        let modes = Modes::load(&folder.join("modes.safetensors"))?;
+        let path = folder.join("goal.safetensors");
+        let goal = Checkpoint::load(&path)?;
+        goal.expect(&path, Part::Goal, None)?;
+        let force = [Part::Repulsion, Part::Attraction]
+            .into_iter()
+            .map(|part| (part, folder.join(format!("{}.safetensors", part.name()))))
+            .find(|(_, path)| path.exists());
+        let force = match force {
+            Some((part, path)) => {
+                let checkpoint = Checkpoint::load(&path)?;
+                checkpoint.expect(&path, part, Some(goal.header.shape))?;
+                if checkpoint.header.split_hash != goal.header.split_hash {
+                    let problem = "was trained on another split than the goal network: train both on one split";
+                    return Err(ModelError::checkpoint(&path, problem));
+                }
+                Some(checkpoint)
+            }
+            None => None,
+        };
+        Self::new(modes, &goal, force.as_ref(), neighbours, device)
+    }
+
+    /// The predictor of these modes and weights; without `force` the goal head's own futures.
+    ///
+    /// # Errors
+    /// [`ModelError`] when the parts do not fit each other.
+    pub fn new(
+        modes: Modes,
+        goal: &Checkpoint,
+        force: Option<&Checkpoint>,
+        neighbours: NeighbourFuture,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
+        let header = goal.header.clone();
+        let features = header.features.clone();
+        let missing = |key| ModelError::config(key, "is missing in the checkpoint's header: train again");
+        if modes.t_pred != header.shape.predicted || modes.frame != features.mode_frame() {
+            return Err(ModelError::config("modes", "do not have the goal network's frames: cluster and train again"));
+        }
+        let weights = Weights::seeded(0, device);
+        weights.set(network_weights(goal))?;
+        let config = header.goal.as_ref().ok_or_else(|| missing("goal"))?;
+        let net = GoalNet::new(config, features.goal_shape(), weights.builder())?;
+        let force = match force {
+            Some(checkpoint) => {
+                let weights = Weights::seeded(0, device);
+                weights.set(network_weights(checkpoint))?;
+                let config = checkpoint.header.traj.as_ref().ok_or_else(|| missing("traj"))?;
+                let phase = if checkpoint.header.part == Part::Attraction { Phase::Attraction } else { Phase::Full };
+                Some((SocialForce::new(config, weights.builder())?, phase))
+            }
+            None => None,
+        };
+        let centres = features.centres(&modes, device)?;
+        let name = match &force {
+            None => "goal head".to_owned(),
+            Some((_, Phase::Attraction)) => "gnp (attraction only)".to_owned(),
+            Some(_) if neighbours == NeighbourFuture::Joint => "gnp (joint)".to_owned(),
+            Some(_) => "gnp".to_owned(),
+        };
+        let device = device.clone();
+        Ok(Self { features, modes, centres, goal: net, force, neighbours, explain: false, device, header, name })
+    }
+
+    /// Whether forecasts carry the forces of every step.
+    #[must_use]
+    pub fn explaining(self, explain: bool) -> Self {
+        Self { explain, ..self }
+    }
+
+    /// The windows it was trained on.
+    #[must_use]
+    pub fn shape(&self) -> WindowShape {
+        self.features.shape()
+    }
+
+    /// Header of the goal network's checkpoint.
+    #[must_use]
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The intention modes.
+    #[must_use]
+    pub fn modes(&self) -> &Modes {
+        &self.modes
+    }
+
+    /// The goal head alone: its whole futures, without physics.
+    #[must_use]
+    pub fn goal_head(&self) -> GoalHead<'_> {
+        GoalHead { gnp: self }
+    }
+
+    /// The same model with the recorded futures of the neighbours, as in the published evaluation.
+    #[must_use]
+    pub fn oracle(&self) -> Oracle<'_> {
+        Oracle { gnp: self }
+    }
+
+    pub(crate) fn goals(&self, seen: &[Seen<'_>], k: usize) -> Result<Goals, ModelError> {
+        let inputs = self.features.goal_inputs(seen, &self.device)?;
+        let k = k.min(self.modes.len()).max(1);
+        let goals = self.goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, &self.centres, k)?;
+        let scale = self.features.config().length_scale;
+        let futures = (goals.futures * scale)?.flatten_all()?.to_vec1::<f32>()?;
+        let probabilities = goals.probabilities.to_vec2::<f32>()?;
+        let t_pred = self.features.shape().predicted;
+        let window_frame = |seen: &Seen<'_>, paths: &[f32]| {
+            paths.chunks_exact(2 * t_pred).map(|path| self.features.to_window_frame(seen, path)).collect()
+        };
+        let by_window = futures.chunks_exact(2 * t_pred * k);
+        let futures = seen.iter().zip(by_window).map(|(seen, paths)| window_frame(seen, paths)).collect();
+        Ok(Goals { futures, probabilities })
+    }
+
+    fn forecast(
+        &self,
+        observations: &[Observation<'_>],
+        truths: Option<&[Truth<'_>]>,
+        k: usize,
+    ) -> Result<Vec<Forecast>, ModelError> {
+        if observations.is_empty() {
+            return Ok(Vec::new());
+        }
+        let seen: Vec<Seen<'_>> = observations.iter().map(|o| Seen::recorded(*o)).collect();
+        let goals = self.goals(&seen, k)?;
+        let Some((force, phase)) = &self.force else { return Ok(plain(goals)) };
+        let ends = end_points(&goals, &self.device)?;
+        let scene = match (truths, self.neighbours) {
+            (None, NeighbourFuture::Joint) => self.joint_scene(&seen, ends)?,
+            _ => self.features.scene(&seen, ends, truths, &self.device)?,
+        };
+        if self.explain {
+            let out = force.roll_out_explained(&scene, *phase)?;
+            explained(&out, &scene, &goals)
+        } else {
+            let path = force.roll_out(&scene, *phase)?.flatten_all()?.to_vec1::<f32>()?;
+            let steps = scene.steps;
+            let mut points = path.chunks_exact(2).map(|p| [p[0], p[1]]);
+            Ok(goals
+                .probabilities
+                .iter()
+                .map(|probabilities| Forecast {
+                    modes: probabilities
+                        .iter()
+                        .map(|&probability| Mode {
+                            probability,
+                            path: points.by_ref().take(steps).collect(),
+                            explanation: None,
+                        })
+                        .collect(),
+                })
+                .collect())
+        }
+    }
+}
+
+/// Weights of the network in a checkpoint, without what a trainer stores beside them.
+fn network_weights(checkpoint: &Checkpoint) -> impl Iterator<Item = (&str, &Tensor)> {
+    let own = |name: &str| !name.starts_with(crate::checkpoint::TRAINER);
+    checkpoint.tensors.iter().filter(move |(name, _)| own(name)).map(|(name, tensor)| (name.as_str(), tensor))
+}
+
+/// Last points of all futures, `[batch, k, 2]`.
+pub(crate) fn end_points(goals: &Goals, device: &Device) -> Result<Tensor, ModelError> {
+    let k = goals.futures.first().map_or(0, Vec::len);
+    let ends: Vec<f32> =
+        goals.futures.iter().flatten().flat_map(|path| path.last().copied().unwrap_or_default()).collect();
+    Ok(Tensor::from_vec(ends, (goals.futures.len(), k, 2), device)?)
+}
+
+fn plain(goals: Goals) -> Vec<Forecast> {
+    let windows = goals.futures.into_iter().zip(goals.probabilities);
+    windows
+        .map(|(paths, probabilities)| Forecast {
+            modes: paths
+                .into_iter()
+                .zip(probabilities)
+                .map(|(path, probability)| Mode { probability, path, explanation: None })
+                .collect(),
+        })
+        .collect()
+}
+
+/// Forecasts with the forces of every step, from the roll-out's tensors.
+fn explained(out: &RollOut, scene: &Scene, goals: &Goals) -> Result<Vec<Forecast>, ModelError> {
+    let flat = |tensor: &Tensor| -> Result<Vec<f32>, ModelError> { Ok(tensor.flatten_all()?.to_vec1::<f32>()?) };
+    let part = |tensor: &Option<Tensor>| tensor.as_ref().map_or_else(|| Ok(Vec::new()), flat);
+    let (path, goal, tau) = (flat(&out.path)?, flat(&out.goal_force)?, flat(&out.tau)?);
+    let (slots, k_slots) = (part(&out.neighbour_forces)?, part(&out.k)?);
+    let (lines, k_lines) = (part(&out.line_forces)?, part(&out.k_line)?);
+    let present = match (&scene.lines, lines.is_empty()) {
+        (Some(given), false) => given.present.to_vec2::<f32>()?,
+        _ => vec![Vec::new(); goals.probabilities.len()],
+    };
+    // A force that does not act in this phase, and an empty slot, is zero.
+    let at = |values: &[f32], i: usize| values.get(i).copied().unwrap_or(0.);
+    let pair = |values: &[f32], i: usize| [at(values, 2 * i), at(values, 2 * i + 1)];
+    let mut forecasts = Vec::with_capacity(goals.probabilities.len());
+    let mut first = 0;
+    for ((probabilities, futures), present) in goals.probabilities.iter().zip(&goals.futures).zip(&present) {
+        let (m, count) = (present.len(), present.iter().filter(|p| **p > 0.).count());
+        let step = |i: usize| {
+            let by_slot: [[f32; 2]; SLOTS] = std::array::from_fn(|slot| pair(&slots, i * SLOTS + slot));
+            StepForces {
+                goal: pair(&goal, i),
+                neighbours: by_slot.iter().fold([0f32; 2], |sum, f| [sum[0] + f[0], sum[1] + f[1]]),
+                lines: [0., (0..m).map(|line| at(&lines, i * m + line)).sum()],
+                by_slot,
+                tau: tau[i],
+                k_slots: std::array::from_fn(|slot| at(&k_slots, i * SLOTS + slot)),
+                k_lines: (0..count).map(|line| at(&k_lines, i * m + line)).collect(),
+            }
+        };
+        let mut modes = Vec::with_capacity(probabilities.len());
+        for (&probability, future) in probabilities.iter().zip(futures) {
+            let steps = first..first + scene.steps;
+            first = steps.end;
+            modes.push(Mode {
+                probability,
+                path: steps.clone().map(|i| pair(&path, i)).collect(),
+                explanation: Some(Explanation {
+                    goal: future.last().copied().unwrap_or_default(),
+                    steps: steps.map(step).collect(),
+                }),
+            });
+        }
+        forecasts.push(Forecast { modes });
+    }
+    Ok(forecasts)
+}
+
+fn predict_error(model: &str, error: ModelError) -> PredictError {
+    match error {
+        ModelError::Shape { needs, found } => PredictError::Shape {
+            model: model.to_owned(),
+            needs: format!("{} + {} frames at {} Hz", needs.observed, needs.predicted, needs.rate_hz),
+            found: format!("{} + {} frames at {} Hz", found.observed, found.predicted, found.rate_hz),
+        },
+        other => PredictError::Model { model: model.to_owned(), source: Box::new(other) },
+    }
+}
+
+impl Predictor for Gnp {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        self.forecast(observations, None, k).map_err(|e| predict_error(&self.name, e))
+    }
+}
+
+/// The goal network's own futures, without physics: what the force adds is seen beside it.
+#[derive(Clone, Copy, Debug)]
+pub struct GoalHead<'a> {
+    gnp: &'a Gnp,
+}
+
+impl Predictor for GoalHead<'_> {
+    fn name(&self) -> &str {
+        "goal head"
+    }
+
+    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        if observations.is_empty() {
+            return Ok(Vec::new());
+        }
+        let seen: Vec<Seen<'_>> = observations.iter().map(|o| Seen::recorded(*o)).collect();
+        self.gnp.goals(&seen, k).map(plain).map_err(|e| predict_error(self.name(), e))
+    }
+}
+
+/// GNP told where its neighbours will be.
+#[derive(Clone, Copy, Debug)]
+pub struct Oracle<'a> {
+    gnp: &'a Gnp,
+}
+
+impl InformedPredictor for Oracle<'_> {
+    fn name(&self) -> &str {
+        "gnp (oracle neighbours)"
+    }
+
+    fn predict_informed(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        let observations: Vec<_> = windows.iter().map(Window::observation).collect();
+        let truths: Vec<_> = windows.iter().map(Window::truth).collect();
+        self.gnp.forecast(&observations, Some(&truths), k).map_err(|e| predict_error(self.name(), e))
+    }
+}

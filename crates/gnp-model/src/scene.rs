@@ -1,0 +1,155 @@
+//! Windows to the scene that the neural social force drives through.
+
+use candle_core::{Device, Tensor};
+use gnp_data::{LineKind, SLOTS, Truth};
+use gnp_traj::{Lines, NeighbourStates, Neighbours, Scene};
+use serde::{Deserialize, Serialize};
+
+use crate::error::ModelError;
+use crate::features::Features;
+use crate::seen::Seen;
+
+/// Where the neighbours are while the target is driven into the future.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NeighbourFuture {
+    /// Each goes on with its last observed velocity.
+    ConstantVelocity,
+    /// Every vehicle of the carriageway is rolled out together towards its own likeliest goal.
+    Joint,
+    /// Where they were recorded: an input that nobody has at prediction time. Reproduces the
+    /// published evaluation; every number made with it is marked.
+    Oracle,
+}
+
+impl NeighbourFuture {
+    /// Name in tables and files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ConstantVelocity => "constant_velocity",
+            Self::Joint => "joint",
+            Self::Oracle => "oracle",
+        }
+    }
+}
+
+impl Features {
+    /// The scene of each window with `goals` `[batch, k, 2]` (m, window frame). Neighbours follow
+    /// the truth where `truths` are given (oracle), constant velocity otherwise.
+    ///
+    /// # Errors
+    /// [`ModelError::Shape`] when a window has another shape, candle's errors.
+    pub fn scene(
+        &self,
+        seen: &[Seen<'_>],
+        goals: Tensor,
+        truths: Option<&[Truth<'_>]>,
+        device: &Device,
+    ) -> Result<Scene, ModelError> {
+        let t_pred = self.shape().predicted;
+        let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
+        for (b, seen) in seen.iter().enumerate() {
+            for slot in 0..SLOTS {
+                let place = |j: usize| ((b * t_pred + j) * SLOTS + slot) * 4;
+                match truths {
+                    Some(truths) => self.recorded_future(seen, &truths[b], slot, |j, s| {
+                        futures[place(j)..place(j) + 4].copy_from_slice(&s);
+                    }),
+                    None => self.straight_future(seen, slot, |j, s| {
+                        futures[place(j)..place(j) + 4].copy_from_slice(&s);
+                    }),
+                }
+            }
+        }
+        let futures = Tensor::from_vec(futures, (seen.len(), t_pred, SLOTS, 4), device)?;
+        self.scene_among(seen, goals, NeighbourStates::Given(futures), device)
+    }
+
+    /// The scene of each window with neighbours as given.
+    ///
+    /// # Errors
+    /// As [`Features::scene`].
+    pub fn scene_among(
+        &self,
+        seen: &[Seen<'_>],
+        goals: Tensor,
+        neighbours: NeighbourStates,
+        device: &Device,
+    ) -> Result<Scene, ModelError> {
+        let shape = self.shape();
+        let window = self.config().velocity_window_s;
+        let mut observed = Vec::with_capacity(seen.len() * shape.observed * 4);
+        let mut mask = Vec::with_capacity(seen.len() * SLOTS);
+        for seen in seen {
+            self.check_shape(seen.observation())?;
+            for i in 0..shape.observed {
+                let state = seen.target(i);
+                observed.extend([state.x, state.y, state.vx, state.vy]);
+            }
+            // The roll-out starts from this velocity: one frame's difference would be noise.
+            let velocity = seen.velocity(window);
+            let end = observed.len();
+            observed[end - 2..].copy_from_slice(&velocity);
+            mask.extend((0..SLOTS).map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
+        }
+        let b = seen.len();
+        Ok(Scene {
+            observed: Tensor::from_vec(observed, (b, shape.observed, 4), device)?,
+            goals,
+            neighbours: Some(Neighbours { states: neighbours, present: Tensor::from_vec(mask, (b, SLOTS), device)? }),
+            lines: Some(lines(seen, device)?),
+            dt: shape.dt(),
+            steps: shape.predicted,
+        })
+    }
+
+    /// States of the neighbour in `slot` going straight on; entry `j` is where it is when step `j`
+    /// sets out, so entry 0 is the last observed frame.
+    fn straight_future(&self, seen: &Seen<'_>, slot: usize, mut put: impl FnMut(usize, [f32; 4])) {
+        let Some(neighbour) = seen.neighbour(slot) else { return };
+        let now = neighbour.now(self.config().velocity_window_s);
+        for j in 0..self.shape().predicted {
+            let t = j as f32 * self.shape().dt() as f32;
+            put(j, [now.x + now.vx * t, now.y + now.vy * t, now.vx, now.vy]);
+        }
+    }
+
+    /// Recorded states of the neighbour in `slot`; straight on from where its record ends.
+    fn recorded_future(&self, seen: &Seen<'_>, truth: &Truth<'_>, slot: usize, mut put: impl FnMut(usize, [f32; 4])) {
+        let Some(neighbour) = seen.neighbour(slot) else { return };
+        let mut last = neighbour.now(self.config().velocity_window_s);
+        let dt = self.shape().dt() as f32;
+        for j in 0..self.shape().predicted {
+            put(j, [last.x, last.y, last.vx, last.vy]);
+            last = match seen.true_neighbour(truth, slot, j) {
+                Some(state) => state,
+                None => gnp_data::State { x: last.x + last.vx * dt, y: last.y + last.vy * dt, ..last },
+            };
+        }
+    }
+}
+
+/// Lane lines, padded to the most that any window has.
+fn lines(seen: &[Seen<'_>], device: &Device) -> Result<Lines, ModelError> {
+    let all: Vec<_> = seen.iter().map(Seen::lines).collect();
+    let most = all.iter().map(Vec::len).max().unwrap_or(0).max(1);
+    let (mut lines, mut present) = (vec![0f32; seen.len() * most * 3], vec![0f32; seen.len() * most]);
+    for (b, window) in all.iter().enumerate() {
+        for (m, line) in window.iter().enumerate() {
+            let at = b * most + m;
+            present[at] = 1.;
+            let (kind, side) = match line.kind {
+                LineKind::Centre => (0., 0.),
+                // The rightmost line has the road to its left.
+                LineKind::Boundary => (1., if m == 0 { 1. } else { -1. }),
+            };
+            lines[3 * at..3 * at + 3].copy_from_slice(&[line.y, kind, side]);
+        }
+    }
+    let b = seen.len();
+    Ok(Lines {
+        lines: Tensor::from_vec(lines, (b, most, 3), device)?,
+        present: Tensor::from_vec(present, (b, most), device)?,
+    })
+}

@@ -1,0 +1,161 @@
+//! An observation as the networks see it: as recorded, or in a mirror along the road.
+
+use gnp_data::{LaneLine, Neighbour, Observation, SLOTS, Slot, State, Truth, WindowShape};
+
+/// An observation, possibly mirrored left-right together with lanes, neighbours and slots.
+///
+/// Traffic is not symmetric (slow lanes are on the right), but lane changes are physics: mirroring
+/// is an augmentation for training, never used for prediction.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    observation: Observation<'a>,
+    mirrored: bool,
+}
+
+impl<'a> Seen<'a> {
+    /// The observation as recorded.
+    #[must_use]
+    pub fn recorded(observation: Observation<'a>) -> Self {
+        Self { observation, mirrored: false }
+    }
+
+    /// The observation with left and right exchanged.
+    #[must_use]
+    pub fn mirrored(observation: Observation<'a>) -> Self {
+        Self { observation, mirrored: true }
+    }
+
+    /// The recorded observation behind it.
+    #[must_use]
+    pub fn observation(&self) -> &Observation<'a> {
+        &self.observation
+    }
+
+    /// Whether left and right are exchanged.
+    #[must_use]
+    pub fn is_mirrored(&self) -> bool {
+        self.mirrored
+    }
+
+    fn turned(&self, state: State) -> State {
+        if self.mirrored { State { y: -state.y, vy: -state.vy, ..state } } else { state }
+    }
+
+    fn recorded_slot(&self, slot: usize) -> usize {
+        if self.mirrored { Slot::ALL[slot].mirrored() as usize } else { slot }
+    }
+
+    /// State of the target in observed frame `i`.
+    #[must_use]
+    pub fn target(&self, i: usize) -> State {
+        self.turned(self.observation.target(i))
+    }
+
+    /// Velocity of the target at the last observed frame, m/s: the slope of a straight line fitted
+    /// to the positions of the last `window_s` seconds, at least one frame. Uses the past alone.
+    #[must_use]
+    pub fn velocity(&self, window_s: f64) -> [f32; 2] {
+        let shape = self.observation.shape();
+        slope(shape, window_s, |i| Some(self.target(i))).unwrap_or_else(|| {
+            let now = self.target(shape.observed - 1);
+            [now.vx, now.vy]
+        })
+    }
+
+    /// States of the neighbour in `slot` by observed frame; `None` where it is absent. The outer
+    /// `None` says that nobody is in the slot at the last observed frame.
+    #[must_use]
+    pub fn neighbour(&self, slot: usize) -> Option<SeenNeighbour<'a>> {
+        let neighbour = self.observation.neighbour(self.recorded_slot(slot))?;
+        Some(SeenNeighbour { seen: *self, neighbour })
+    }
+
+    /// Neighbours by slot.
+    #[must_use]
+    pub fn neighbours(&self) -> [Option<SeenNeighbour<'a>>; SLOTS] {
+        std::array::from_fn(|slot| self.neighbour(slot))
+    }
+
+    /// Lane lines from right to left.
+    #[must_use]
+    pub fn lines(&self) -> Vec<LaneLine> {
+        let mut lines: Vec<LaneLine> = self.observation.lines().collect();
+        if self.mirrored {
+            lines.reverse();
+            lines.iter_mut().for_each(|line| line.y = -line.y);
+        }
+        lines
+    }
+
+    /// True state of the target in predicted frame `j`.
+    #[must_use]
+    pub fn true_target(&self, truth: &Truth<'_>, j: usize) -> State {
+        self.turned(truth.target(j))
+    }
+
+    /// Recorded state of the neighbour in `slot` in predicted frame `j`.
+    #[must_use]
+    pub fn true_neighbour(&self, truth: &Truth<'_>, slot: usize, j: usize) -> Option<State> {
+        truth.neighbour(self.recorded_slot(slot), j).map(|state| self.turned(state))
+    }
+}
+
+/// A neighbour of a [`Seen`] observation, in its target's window frame.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenNeighbour<'a> {
+    seen: Seen<'a>,
+    neighbour: Neighbour<'a>,
+}
+
+impl SeenNeighbour<'_> {
+    /// State in observed frame `i`; `None` where it is absent.
+    #[must_use]
+    pub fn state(&self, i: usize) -> Option<State> {
+        self.neighbour.state(i).map(|state| self.seen.turned(state))
+    }
+
+    /// State at the last observed frame with the velocity fitted as in [`Seen::velocity`] over the
+    /// frames in which it is present.
+    #[must_use]
+    pub fn now(&self, window_s: f64) -> State {
+        let now = self.neighbour.now();
+        let [vx, vy] = velocity_of(&self.neighbour, self.seen.observation.shape(), window_s);
+        self.seen.turned(State { vx, vy, ..now })
+    }
+
+    /// Length and width, m.
+    #[must_use]
+    pub fn size(&self) -> [f32; 2] {
+        self.neighbour.size()
+    }
+}
+
+/// Velocity of a neighbour at the last observed frame, fitted over the frames in which it is present.
+pub(crate) fn velocity_of(neighbour: &Neighbour<'_>, shape: WindowShape, window_s: f64) -> [f32; 2] {
+    slope(shape, window_s, |i| neighbour.state(i)).unwrap_or_else(|| {
+        let now = neighbour.now();
+        [now.vx, now.vy]
+    })
+}
+
+/// Least-squares slope of the positions over the last `window_s` seconds, at least one frame, back
+/// to the first absence, m/s; `None` with fewer than two positions.
+fn slope(shape: WindowShape, window_s: f64, state: impl Fn(usize) -> Option<State>) -> Option<[f32; 2]> {
+    let frames = ((window_s * shape.rate_hz).round() as usize + 1).max(2);
+    let last = shape.observed - 1;
+    let seen: Vec<State> = (0..frames).map_while(|back| state(last.checked_sub(back)?)).collect();
+    let n = seen.len();
+    if n < 2 {
+        return None;
+    }
+    let middle = (n - 1) as f64 / 2.;
+    let (mut sx, mut sy, mut stt) = (0f64, 0f64, 0f64);
+    for (back, state) in seen.iter().enumerate() {
+        let t = middle - back as f64;
+        sx += t * f64::from(state.x);
+        sy += t * f64::from(state.y);
+        stt += t * t;
+    }
+    let scale = shape.rate_hz / stt;
+    Some([(sx * scale) as f32, (sy * scale) as f32])
+}
