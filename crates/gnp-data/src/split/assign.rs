@@ -120,12 +120,7 @@ fn whole_groups(sizes: &[usize], shares: [f64; 3], rng: &mut ChaCha8Rng) -> Vec<
 }
 
 /// Parts windows of one recording by stretches of its frames; returns how many lie in two.
-fn assign_by_time(
-    set: &WindowSet<'_>,
-    ids: &[WindowId],
-    shares: [f64; 3],
-    parts: &mut [Vec<WindowId>; 3],
-) -> usize {
+fn assign_by_time(set: &WindowSet<'_>, ids: &[WindowId], shares: [f64; 3], parts: &mut [Vec<WindowId>; 3]) -> usize {
     let Some(recording) = ids.first().and_then(|id| set.recording(*id)) else { return 0 };
     let first = recording.tracks().iter().map(|track| track.first_frame).min().unwrap_or(0);
     let last = recording.tracks().iter().map(|track| track.last_frame()).max().unwrap_or(first);

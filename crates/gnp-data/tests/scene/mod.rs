@@ -1,0 +1,71 @@
+//! Small recordings made from parts.
+
+#![allow(dead_code)] // each test file takes what it needs
+
+use gnp_data::{
+    Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowConfig,
+};
+
+/// Nobody in a neighbour slot.
+pub(crate) const NOBODY: u32 = u32::MAX;
+
+/// 0.3 s observed (4 frames at 10 Hz), 0.5 s predicted (5 frames), a window every 0.2 s (2 frames).
+pub(crate) fn short_windows() -> WindowConfig {
+    WindowConfig { observed_s: 0.3, predicted_s: 0.5, rate_hz: 10., stride_s: 0.2 }
+}
+
+/// A track: vehicle, segment, first frame, rows.
+pub(crate) type Stretch = (u32, u16, u32, usize);
+
+/// Vehicles that keep their speed of `vehicle` m/s in a lane of their own, with nobody beside them.
+pub(crate) fn recording(name: &str, site: &str, rate_hz: f64, stretches: &[Stretch]) -> Recording {
+    let position = |(vehicle, _, first, _): Stretch, i: usize| {
+        let time = f64::from(first + i as u32) / rate_hz;
+        [(f64::from(vehicle) * time) as f32, vehicle as f32 * 4.]
+    };
+    from_positions(Dataset::Ngsim, name, site, rate_hz, stretches, &position, &|_, _| [NOBODY; SLOTS])
+}
+
+/// A recording from positions (of the `i`-th row of a track) and neighbours (of a track at a frame),
+/// with velocities differentiated as a reader does: centrally, one-sided at the ends of a track.
+pub(crate) fn from_positions(
+    dataset: Dataset,
+    name: &str,
+    site: &str,
+    rate_hz: f64,
+    stretches: &[Stretch],
+    position: &dyn Fn(Stretch, usize) -> [f32; 2],
+    neighbours: &dyn Fn(usize, u32) -> [u32; SLOTS],
+) -> Recording {
+    let mut columns = Columns::default();
+    let mut tracks = Vec::new();
+    for (index, stretch) in stretches.iter().enumerate() {
+        let (vehicle, segment, first_frame, rows) = *stretch;
+        let start = columns.x.len();
+        let path: Vec<[f32; 2]> = (0..rows).map(|i| position(*stretch, i)).collect();
+        for i in 0..rows {
+            let (from, to) = (i.saturating_sub(1), (i + 1).min(rows - 1));
+            let period = ((to - from).max(1) as f64 / rate_hz) as f32;
+            columns.x.push(path[i][0]);
+            columns.y.push(path[i][1]);
+            columns.vx.push((path[to][0] - path[from][0]) / period);
+            columns.vy.push((path[to][1] - path[from][1]) / period);
+            columns.lane.push(1 + (vehicle % 3) as i16);
+            columns.neighbours.push(neighbours(index, first_frame + i as u32));
+        }
+        tracks.push(Track {
+            vehicle,
+            segment,
+            road: 0,
+            class: VehicleClass::Car,
+            length: 4. + vehicle as f32 / 16.,
+            width: 1.75,
+            first_frame,
+            rows: start..start + rows,
+        });
+    }
+    let line = |kind, y| LaneLine { kind, y };
+    let lines = vec![line(LineKind::Boundary, -2.), line(LineKind::Centre, 1.75), line(LineKind::Boundary, 5.5)];
+    let meta = RecordingMeta { dataset, site: site.into(), name: name.into(), rate_hz, simulated: false };
+    Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
+}

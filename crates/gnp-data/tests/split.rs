@@ -1,0 +1,276 @@
+//! Parts of a split: complete, apart, seeded, and kept in a file.
+
+mod scene;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use gnp_data::{DataError, Part, Recording, Split, SplitConfig, SplitKind, WindowConfig, WindowId, WindowSet};
+use scene::{recording, short_windows};
+
+fn config(kind: SplitKind, seed: u64) -> SplitConfig {
+    SplitConfig { kind, sites: BTreeMap::new(), train: 0.7, validation: 0.1, test: 0.2, seed }
+}
+
+/// Seventeen recordings of unequal size; every third vehicle has two stretches.
+fn scenes(site: &str) -> Vec<Recording> {
+    let scene = |r: u32| {
+        let mut stretches = Vec::new();
+        for vehicle in 1..=10 + 3 * (r % 5) {
+            stretches.push((vehicle, 0, vehicle, 30 + (vehicle as usize * 7) % 40));
+            if vehicle % 3 == 0 {
+                stretches.push((vehicle, 1, 200 + vehicle, 25));
+            }
+        }
+        recording(&format!("{site}-{r}"), site, 10., &stretches)
+    };
+    (0..17).map(scene).collect()
+}
+
+/// Vehicles without end: 400 frames each.
+fn long(name: &str, site: &str, vehicles: u32) -> Recording {
+    recording(name, site, 10., &(1..=vehicles).map(|v| (v, 0, 0, 400)).collect::<Vec<_>>())
+}
+
+fn all(split: &Split) -> Vec<WindowId> {
+    let mut ids: Vec<WindowId> = Part::ALL.iter().flat_map(|part| split.part(*part)).copied().collect();
+    ids.sort_unstable();
+    ids
+}
+
+#[test]
+fn every_window_is_in_one_part_or_counted_as_straddling() {
+    let recordings = [long("a", "s", 23), long("b", "s", 11), long("c", "t", 7)];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    for kind in [SplitKind::Recording, SplitKind::Vehicle, SplitKind::Time, SplitKind::Window] {
+        let split = Split::new(&set, &config(kind, 5)).unwrap();
+        let ids = all(&split);
+        let distinct = BTreeSet::from_iter(ids.iter().copied());
+        let straddling: usize = split.straddling().values().sum();
+        assert_eq!(distinct.len(), ids.len(), "{kind:?}");
+        assert_eq!(ids.len() + straddling, set.len(), "{kind:?}");
+        assert_eq!(straddling > 0, kind == SplitKind::Time, "{kind:?}");
+        assert_eq!(split.leaks(), kind == SplitKind::Window, "{kind:?}");
+        assert_eq!(split.seed(), 5);
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_hash_whatever_the_order_of_recordings() {
+    let forwards = scenes("s");
+    let mut backwards = forwards.clone();
+    backwards.reverse();
+    let (forwards, _) = WindowSet::cut(&forwards, &short_windows()).unwrap();
+    let (backwards, _) = WindowSet::cut(&backwards, &short_windows()).unwrap();
+    for kind in [SplitKind::Recording, SplitKind::Vehicle, SplitKind::Window] {
+        let hash = |set, seed| Split::new(set, &config(kind, seed)).unwrap().hash().to_owned();
+        assert_eq!(hash(&forwards, 3), hash(&forwards, 3), "{kind:?}");
+        assert_eq!(hash(&forwards, 3), hash(&backwards, 3), "{kind:?}");
+        assert_ne!(hash(&forwards, 3), hash(&forwards, 4), "{kind:?}");
+    }
+}
+
+#[test]
+fn the_hash_is_of_a_stated_text() {
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 11)])];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    // Of "windows 4 5 10\n2 a 7 0 103\n2 a 7 0 105\n", by another program.
+    let expected = "f7fdbadd0dd97686e33f19b57bd08504cf59a37bff4db05002e274a794336d43";
+    assert_eq!(Split::all_test(&set).hash(), expected);
+}
+
+#[test]
+fn by_vehicle_a_hundred_are_parted_70_10_20_and_stretches_stay_together() {
+    let stretches: Vec<_> = (1..=100).flat_map(|v| [(v, 0, 0, 20), (v, 1, 30, 30)]).collect();
+    let recordings = [recording("a", "s", 10., &stretches)];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let split = Split::new(&set, &config(SplitKind::Vehicle, 11)).unwrap();
+    let vehicles = Part::ALL
+        .map(|part| BTreeSet::from_iter(split.part(part).iter().map(|id| set.get(*id).unwrap().key().vehicle)));
+    assert_eq!(vehicles.each_ref().map(BTreeSet::len), [70, 10, 20]);
+    assert!(vehicles[0].is_disjoint(&vehicles[1]) && vehicles[0].is_disjoint(&vehicles[2]));
+    assert!(vehicles[1].is_disjoint(&vehicles[2]));
+}
+
+#[test]
+fn a_vehicle_number_of_one_recording_says_nothing_about_another() {
+    let recordings = scenes("s");
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let split = Split::new(&set, &config(SplitKind::Vehicle, 2)).unwrap();
+    // Adding a recording does not move what was drawn for the others.
+    let (fewer, _) = WindowSet::cut(&recordings[..16], &short_windows()).unwrap();
+    let smaller = Split::new(&fewer, &config(SplitKind::Vehicle, 2)).unwrap();
+    let kept: Vec<WindowId> = split.test().iter().copied().filter(|id| id.recording < 16).collect();
+    assert_eq!(kept, smaller.test());
+    // Few vehicles a recording, yet the shares hold over all of them.
+    let share = |part| split.part(part).len() as f64 / set.len() as f64;
+    assert!((share(Part::Train) - 0.7).abs() < 0.05 && (share(Part::Validation) - 0.1).abs() < 0.04);
+}
+
+#[test]
+fn by_recording_recordings_stay_whole_and_shares_come_near() {
+    let recordings = scenes("s");
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    for seed in 0..20 {
+        let split = Split::new(&set, &config(SplitKind::Recording, seed)).unwrap();
+        let recordings = Part::ALL.map(|part| BTreeSet::from_iter(split.part(part).iter().map(|id| id.recording)));
+        assert_eq!(recordings.iter().map(BTreeSet::len).sum::<usize>(), 17);
+        for (part, share) in Part::ALL.into_iter().zip([0.7, 0.1, 0.2]) {
+            let got = split.part(part).len() as f64 / set.len() as f64;
+            assert!((got - share).abs() < 0.06, "seed {seed}, {part:?}: {got}");
+        }
+    }
+}
+
+#[test]
+fn three_recordings_suffice_and_two_are_too_few() {
+    let recordings = [long("a", "s", 40), long("b", "s", 3), long("c", "s", 5)];
+    for seed in 0..9 {
+        let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+        Split::new(&set, &config(SplitKind::Recording, seed)).unwrap();
+    }
+    let (set, _) = WindowSet::cut(&recordings[..2], &short_windows()).unwrap();
+    let error = Split::new(&set, &config(SplitKind::Recording, 1)).unwrap_err();
+    let message = error.to_string();
+    assert!(matches!(error, DataError::EmptyPart { .. }) && message.contains("split by vehicle"), "{message}");
+}
+
+#[test]
+fn by_time_parts_follow_one_another_without_a_shared_frame() {
+    let recordings = [long("a", "s", 3)];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let split = Split::new(&set, &config(SplitKind::Time, 0)).unwrap();
+    let t0 = |part| split.part(part).iter().map(|id| set.get(*id).unwrap().key().t0);
+    // Stretches 0..280, 280..320, 320..400; a window takes 3 frames before t0 and 5 after.
+    assert_eq!(t0(Part::Train).max(), Some(273));
+    assert_eq!((t0(Part::Validation).min(), t0(Part::Validation).max()), (Some(283), Some(313)));
+    assert_eq!(t0(Part::Test).min(), Some(323));
+    assert_eq!(split.straddling()["a"], 3 * (4 + 4), "t0 from 275 to 281, and from 315 to 321");
+}
+
+#[test]
+fn sites_may_be_parted_in_different_ways() {
+    let mut recordings = scenes("us-101");
+    recordings.push(long("lanes", "i-80", 100));
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let sites = BTreeMap::from([("i-80".to_owned(), SplitKind::Vehicle)]);
+    let split = Split::new(&set, &SplitConfig { sites, ..config(SplitKind::Recording, 8) }).unwrap();
+    for part in Part::ALL {
+        let sites = BTreeSet::from_iter(split.part(part).iter().map(|id| set.get(*id).unwrap().observation().site()));
+        assert_eq!(sites, BTreeSet::from(["i-80", "us-101"]), "{part:?}");
+    }
+    assert_eq!(split.kinds()["i-80"], SplitKind::Vehicle);
+    assert_eq!(split.kinds()["us-101"], SplitKind::Recording);
+}
+
+#[test]
+fn a_saved_split_comes_back_for_recordings_in_another_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("split.json");
+    let recordings = scenes("s");
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    for kind in [SplitKind::Recording, SplitKind::Vehicle, SplitKind::Window] {
+        let split = Split::new(&set, &config(kind, 21)).unwrap();
+        split.save(&set, &path).unwrap();
+        assert_eq!(Split::load(&set, &path).unwrap(), split);
+
+        let mut others = recordings.clone();
+        others.reverse();
+        others.insert(4, long("new", "t", 3));
+        let (others, _) = WindowSet::cut(&others, &short_windows()).unwrap();
+        let back = Split::load(&others, &path).unwrap();
+        assert_eq!(back.hash(), split.hash());
+        let keys = |set: &WindowSet<'_>, split: &Split| {
+            BTreeSet::from_iter(split.test().iter().map(|id| set.get(*id).unwrap().key()))
+        };
+        assert_eq!(keys(&others, &back), keys(&set, &split));
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file is left");
+}
+
+#[test]
+fn a_changed_foreign_or_broken_file_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("split.json");
+    let recordings = scenes("s");
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    Split::new(&set, &config(SplitKind::Vehicle, 21)).unwrap().save(&set, &path).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let load = |text: &str, set: &WindowSet<'_>| {
+        std::fs::write(&path, text).unwrap();
+        Split::load(set, &path).unwrap_err().to_string()
+    };
+
+    let moved = text.replacen("\"validation\":", "\"moved\":", 1).replacen("\"test\":", "\"validation\":", 1);
+    let moved = load(&moved.replacen("\"moved\":", "\"test\":", 1), &set);
+    assert!(moved.contains("was changed"), "{moved}");
+    let truncated = load(&text[..text.len() / 2], &set);
+    assert!(truncated.contains("split.json"), "{truncated}");
+    let (fewer, _) = WindowSet::cut(&recordings[1..], &short_windows()).unwrap();
+    let missing = load(&text, &fewer);
+    assert!(missing.contains("recording s-0 is not there"), "{missing}");
+    let longer = WindowConfig { predicted_s: 0.6, ..short_windows() };
+    let (longer, _) = WindowSet::cut(&recordings, &longer).unwrap();
+    let longer = load(&text, &longer);
+    assert!(longer.contains("4 + 5 frames") && longer.contains("4 + 6 frames"), "{longer}");
+    let newer = load(&text.replacen("\"version\":1", "\"version\":2", 1), &set);
+    assert!(newer.contains("version 2"), "{newer}");
+    std::fs::remove_file(&path).unwrap();
+    assert!(matches!(Split::load(&set, &path), Err(DataError::Io { .. })));
+}
+
+#[test]
+fn the_check_finds_windows_that_share_a_frame_across_parts() {
+    // A split by window, relabelled as any kind that must not leak, has the right hash and is caught.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("split.json");
+    let recordings = [long("a", "s", 3), long("b", "s", 3), long("c", "s", 3)];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let leaking = Split::new(&set, &config(SplitKind::Window, 1)).unwrap();
+    leaking.save(&set, &path).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    for kind in ["recording", "vehicle", "time"] {
+        std::fs::write(&path, text.replace("\"s\":\"window\"", &format!("\"s\":\"{kind}\""))).unwrap();
+        let error = Split::load(&set, &path).unwrap_err();
+        assert!(matches!(error, DataError::SharedFrame { .. }), "{kind}: {error}");
+    }
+    // By time is not by vehicle: frames are apart, but a vehicle stands in two parts.
+    Split::new(&set, &config(SplitKind::Time, 1)).unwrap().save(&set, &path).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("\"s\":\"time\"", "\"s\":\"vehicle\"")).unwrap();
+    assert!(matches!(Split::load(&set, &path), Err(DataError::SharedFrame { vehicle: 1, .. })));
+    // By vehicle is not by recording.
+    Split::new(&set, &config(SplitKind::Vehicle, 1)).unwrap().save(&set, &path).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("\"s\":\"vehicle\"", "\"s\":\"recording\"")).unwrap();
+    assert!(matches!(Split::load(&set, &path), Err(DataError::SharedFrame { .. })));
+    // And against other recordings it is refused.
+    let other = [recording("a", "s", 10., &[(1, 0, 0, 9)])];
+    let (other, _) = WindowSet::cut(&other, &short_windows()).unwrap();
+    assert!(matches!(leaking.check(&other), Err(DataError::ForeignSplit)));
+}
+
+#[test]
+fn all_test_has_every_window_and_nothing_to_learn_from() {
+    let recordings = scenes("s");
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let split = Split::all_test(&set);
+    assert_eq!((split.train().len(), split.validation().len()), (0, 0));
+    assert_eq!(split.test(), set.ids());
+    assert!(!split.leaks());
+    split.check(&set).unwrap();
+}
+
+#[test]
+fn shares_that_cannot_be_are_refused() {
+    let good = config(SplitKind::Vehicle, 0);
+    for (bad, key) in [
+        (SplitConfig { train: 0.8, ..good.clone() }, "train"),
+        (SplitConfig { validation: 0., test: 0.3, ..good.clone() }, "validation"),
+        (SplitConfig { test: f64::NAN, ..good.clone() }, "test"),
+        (SplitConfig { train: -0.7, ..good.clone() }, "train"),
+    ] {
+        let error = bad.check().unwrap_err().to_string();
+        assert!(error.contains(key), "{error}");
+    }
+    good.check().unwrap();
+}

@@ -1,0 +1,188 @@
+//! Which windows a recording gives, and what is said about the rest.
+
+mod scene;
+
+use gnp_data::{DataError, WindowConfig, WindowId, WindowSet, WindowShape};
+use scene::{recording, short_windows};
+
+#[test]
+fn starts_in_the_first_row_and_then_every_stride() {
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20)])];
+    let (set, drops) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let t0: Vec<u32> = set.iter().map(|window| window.key().t0).collect();
+    // Four observed frames: the first window sees 100..=103 and predicts 104..=108.
+    assert_eq!(t0, [103, 105, 107, 109, 111, 113], "the last one ends in frame 118; one more would end in 120");
+    let total = drops.total();
+    assert_eq!((total.candidates, total.windows, total.past_track_end), (10, 6, 4));
+    let shape = set.shape();
+    assert_eq!((shape.observed, shape.predicted, shape.step), (4, 5, 1));
+}
+
+#[test]
+fn a_window_sees_its_target_from_the_last_observed_centre() {
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20)])];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let window = set.iter().nth(1).unwrap();
+    let (observation, truth) = (window.observation(), window.truth());
+    for i in 0..4u8 {
+        let state = observation.target(i.into());
+        assert!((state.x - (f32::from(i) - 3.) * 0.7).abs() < 1e-4, "frame {i}: {state:?}");
+        assert!((state.vx - 7.).abs() < 1e-3 && state.y == 0. && state.vy == 0., "frame {i}: {state:?}");
+    }
+    for j in 0..5u8 {
+        let state = truth.target(j.into());
+        assert!((state.x - (f32::from(j) + 1.) * 0.7).abs() < 1e-4, "frame {j}: {state:?}");
+    }
+    assert!((truth.goal()[0] - 3.5).abs() < 1e-4);
+    let lines: Vec<f32> = observation.lines().map(|line| line.y).collect();
+    assert_eq!(lines, [-30., -26.25, -22.5], "lines move with the origin, 28 m to the left");
+}
+
+#[test]
+fn drops_are_counted_by_reason_and_add_up() {
+    let recordings = [
+        // Vehicle 1 is interrupted in frame 12 for one frame, vehicle 2 is too short, vehicle 3 just fits.
+        recording("a", "s", 10., &[(1, 0, 0, 12), (1, 1, 13, 11), (2, 0, 0, 8), (3, 0, 0, 9)]),
+        recording("b", "s", 10., &[(1, 0, 0, 5)]),
+    ];
+    let (set, drops) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let [a, b] = &drops.recordings[..] else { panic!("two recordings") };
+    assert_eq!((a.recording.as_str(), b.recording.as_str()), ("a", "b"));
+    // Starts 0, 2 of the first stretch; 0, 2 of the second; 0 of vehicle 3.
+    assert_eq!((a.windows, a.gap, a.track_too_short, a.past_track_end), (5, 4, 4, 4 + 4));
+    assert_eq!((b.windows, b.gap, b.track_too_short, b.past_track_end), (0, 0, 3, 0));
+    assert_eq!((a.vehicles, a.vehicles_without_window, b.vehicles_without_window), (3, 1, 1));
+    for (recording, counted) in recordings.iter().zip(&drops.recordings) {
+        assert_eq!(short_windows().count(recording).unwrap(), *counted);
+    }
+    let total = drops.total();
+    assert_eq!(total.candidates, total.windows + total.gap + total.track_too_short + total.past_track_end);
+    assert_eq!(total.windows, set.len());
+}
+
+#[test]
+fn no_window_spans_a_gap() {
+    let recordings = [recording("a", "s", 10., &[(1, 0, 0, 12), (1, 1, 13, 11)])];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    for window in set.iter() {
+        let key = window.key();
+        let frames = key.t0 - 3..=key.t0 + 5;
+        assert!(!frames.contains(&12), "{key:?}");
+        assert_eq!(key.segment, u16::from(*frames.start() > 12));
+    }
+}
+
+#[test]
+fn resampling_takes_every_nth_row() {
+    let fast = [recording("fast", "s", 20., &[(7, 0, 200, 40)])];
+    let slow = [recording("slow", "s", 10., &[(7, 0, 100, 20)])];
+    let (fast, _) = WindowSet::cut(&fast, &short_windows()).unwrap();
+    let (slow, _) = WindowSet::cut(&slow, &short_windows()).unwrap();
+    assert_eq!((fast.shape().step, slow.shape().step), (2, 1));
+    assert!(fast.shape().fits(&slow.shape()));
+    assert_eq!(fast.len(), slow.len());
+    for (fast, slow) in fast.iter().zip(slow.iter()) {
+        assert_eq!(fast.key().t0, 2 * slow.key().t0);
+        for i in 0..4 {
+            let (a, b) = (fast.observation().target(i), slow.observation().target(i));
+            assert!((a.x - b.x).abs() < 1e-4 && (a.vx - b.vx).abs() < 1e-2, "{a:?} {b:?}");
+        }
+        assert!((fast.truth().goal()[0] - slow.truth().goal()[0]).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn the_published_lengths_are_31_and_76_observed_frames() {
+    let config = |rate_hz, stride_s| WindowConfig { observed_s: 3., predicted_s: 5., rate_hz, stride_s };
+    let ngsim = config(10., 1.).shape_for(10.).unwrap();
+    let highd = config(25., 1.).shape_for(25.).unwrap();
+    let thinned = config(5., 1.).shape_for(25.).unwrap();
+    assert_eq!((ngsim.observed, ngsim.predicted, ngsim.step, ngsim.span()), (31, 50, 1, 81));
+    assert_eq!((highd.observed, highd.predicted, highd.step, highd.span()), (76, 125, 1, 201));
+    assert_eq!((thinned.observed, thinned.predicted, thinned.step, thinned.span()), (16, 25, 5, 201));
+}
+
+#[test]
+fn a_rate_that_leaving_out_frames_cannot_give_is_refused() {
+    let recordings = [recording("a", "s", 25., &[(7, 0, 100, 60)])];
+    let error = WindowSet::cut(&recordings, &short_windows()).unwrap_err();
+    assert!(matches!(error, DataError::WindowRate { recording_hz: 25., window_hz: 10. }), "{error}");
+    let faster = WindowConfig { rate_hz: 50., ..short_windows() };
+    assert!(matches!(WindowSet::cut(&recordings, &faster), Err(DataError::WindowRate { .. })));
+}
+
+#[test]
+fn wrong_configurations_name_the_key_and_the_remedy() {
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 60)])];
+    let message = |config: WindowConfig| WindowSet::cut(&recordings, &config).unwrap_err().to_string();
+    let good = short_windows();
+    let stride = message(WindowConfig { stride_s: 0.25, ..good.clone() });
+    assert!(stride.contains("stride_s") && stride.contains("0.2000 or 0.3000"), "{stride}");
+    let observed = message(WindowConfig { observed_s: 0.33, ..good.clone() });
+    assert!(observed.contains("observed_s"), "{observed}");
+    let rate = message(WindowConfig { rate_hz: f64::NAN, ..good.clone() });
+    assert!(rate.contains("rate_hz") && rate.contains("positive"), "{rate}");
+    let predicted = message(WindowConfig { predicted_s: 1e300, ..good.clone() });
+    assert!(predicted.contains("predicted_s"), "{predicted}");
+    let long = message(WindowConfig { predicted_s: 30., ..good });
+    assert!(long.contains("30.3 s") && long.contains("5.9 s"), "{long}");
+}
+
+#[test]
+fn two_recordings_of_one_name_are_refused() {
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20)]), recording("a", "t", 10., &[(7, 0, 100, 20)])];
+    let error = WindowSet::cut(&recordings, &short_windows()).unwrap_err();
+    assert!(matches!(error, DataError::DuplicateRecording { .. }), "{error}");
+    assert!(matches!(WindowSet::cut(&[], &short_windows()), Err(DataError::NoWindow { .. })));
+}
+
+#[test]
+fn an_id_takes_twelve_bytes_and_a_foreign_one_gives_no_window() {
+    assert_eq!(size_of::<WindowId>(), 12);
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20), (8, 0, 100, 20)])];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let id = set.ids()[0];
+    assert!(set.get(id).is_some());
+    for foreign in [
+        WindowId { recording: 1, ..id },
+        WindowId { track: 2, ..id },
+        WindowId { track: 1, ..id }, // a row of track 0
+        WindowId { row: 2, ..id },   // not enough past
+        WindowId { row: 15, ..id },  // not enough future
+        WindowId { row: u32::MAX, ..id },
+    ] {
+        assert!(set.get(foreign).is_none(), "{foreign:?}");
+    }
+}
+
+#[test]
+fn out_of_range_frames_give_nothing() {
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20), (8, 0, 100, 20)])];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let window = set.iter().next().unwrap();
+    assert_eq!(window.observation().target(4), gnp_data::State::default());
+    assert_eq!(window.truth().target(5), gnp_data::State::default());
+    assert_eq!(window.truth().lane(5), 0);
+    assert_eq!(window.truth().others(5).count(), 0);
+}
+
+#[test]
+fn a_shape_without_frames_has_no_windows() {
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20)])];
+    let shape = WindowShape { observed: 4, predicted: 5, step: 1, rate_hz: 10. };
+    let view = |shape| gnp_data::Window::new(&recordings[0], shape, 0, 5);
+    assert!(view(shape).is_some());
+    assert!(view(WindowShape { observed: 0, ..shape }).is_none());
+    assert!(view(WindowShape { predicted: 0, ..shape }).is_none());
+    assert!(view(WindowShape { step: 0, ..shape }).is_none());
+}
+
+#[test]
+fn shapes_survive_json() {
+    let shape = WindowShape { observed: 31, predicted: 50, step: 2, rate_hz: 12.5 };
+    let text = serde_json::to_string(&shape).unwrap();
+    assert_eq!(serde_json::from_str::<WindowShape>(&text).unwrap(), shape);
+    assert!(serde_json::from_str::<WindowShape>(r#"{"observed":1,"predicted":1,"step":1,"rate_hz":1,"x":0}"#).is_err());
+    assert!(!shape.fits(&WindowShape { rate_hz: 10., ..shape }));
+    assert!(shape.fits(&WindowShape { step: 1, ..shape }));
+}
