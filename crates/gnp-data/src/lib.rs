@@ -8,6 +8,7 @@
 mod cache;
 mod error;
 mod lookup;
+mod overlap;
 mod parts;
 mod predictor;
 mod quality;
@@ -20,6 +21,7 @@ mod window;
 mod windows;
 
 pub use crate::error::DataError;
+pub use crate::overlap::{Overlap, groups, overlaps};
 pub use crate::predictor::{Explanation, Forecast, InformedPredictor, Mode, PredictError, Predictor, StepForces};
 pub use crate::quality::{JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality};
 pub use crate::reader::{Expectation, Source, discover, read};

@@ -1,0 +1,232 @@
+//! Recordings that show the same vehicles.
+//!
+//! Scenes cut from one measurement may overlap in time: the scene names differ, the vehicle ids
+//! differ, and the same drivers stand in both. Held-out scenes are only held out if such scenes
+//! stay together, so they are found from the motion itself: several vehicles of the same length
+//! that do the same, and distinctive, thing at the same shift in time.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+
+use crate::recording::Recording;
+
+/// Length of the stretches of motion that are compared, s.
+const STRETCH_S: f64 = 2.;
+/// Speeds of a stretch that enter its signature.
+const SAMPLES: usize = 5;
+/// Width of a speed bin of a signature, m/s. Coarser than the noise between two cuts of one scene.
+const SPEED_BIN: f32 = 0.3;
+/// Two stretches are one when speeds and positions relative to their start agree within this.
+const SPEED_TOLERANCE: f32 = 0.1;
+const LATERAL_TOLERANCE: f32 = 0.06;
+const LONGITUDINAL_TOLERANCE: f32 = 0.2;
+/// A stretch must change its speed by at least this to tell drivers apart, m/s.
+const DISTINCTIVE: f32 = 0.6;
+/// Vehicles that must agree at one shift in time. One or two may do so by chance.
+const VEHICLES: usize = 3;
+/// Rows above which only a share of the signatures is kept, chosen by the signature itself.
+const ROWS_IN_FULL: usize = 1_000_000;
+
+/// Two recordings that show the same vehicles.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Overlap {
+    /// Name of the first recording.
+    pub first: String,
+    /// Name of the second recording.
+    pub second: String,
+    /// Vehicles found in both.
+    pub vehicles: usize,
+    /// Frames to add to a frame of the second to get the frame of the first.
+    pub shift: i64,
+}
+
+/// A stretch of motion: where it is, under a signature of what it is.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Stretch {
+    signature: u64,
+    recording: u32,
+    track: u32,
+    row: u32,
+}
+
+/// Pairs of recordings of one site and rate that show the same vehicles, by name.
+///
+/// Finds overlaps of a few seconds with at least three vehicles that change their speed; says
+/// nothing of shorter ones.
+#[must_use]
+pub fn overlaps(recordings: &[Recording]) -> Vec<Overlap> {
+    let rows: usize = recordings.iter().map(Recording::len).sum();
+    let share = 1 + (rows / ROWS_IN_FULL) as u64;
+    let mut stretches = Vec::new();
+    for (index, recording) in recordings.iter().enumerate() {
+        collect(index as u32, recording, share, &mut stretches);
+    }
+    stretches.sort_unstable();
+    // (recording a, recording b, shift) -> pairs of tracks that are one vehicle
+    let mut same: BTreeMap<(u32, u32, i64), BTreeSet<(u32, u32)>> = BTreeMap::new();
+    for run in stretches.chunk_by(|a, b| a.signature == b.signature) {
+        for (i, a) in run.iter().enumerate() {
+            for b in run[i + 1..].iter().filter(|b| b.recording != a.recording) {
+                let (ra, rb) = (&recordings[a.recording as usize], &recordings[b.recording as usize]);
+                if comparable(ra, rb) && agree(ra, a, rb, b) {
+                    let shift = frame(ra, a) - frame(rb, b);
+                    same.entry((a.recording, b.recording, shift)).or_default().insert((a.track, b.track));
+                }
+            }
+        }
+    }
+    let mut found: BTreeMap<(u32, u32), (usize, i64)> = BTreeMap::new();
+    for ((a, b, shift), pairs) in same {
+        let vehicles = one_to_one(&pairs);
+        let best = found.entry((a, b)).or_insert((0, shift));
+        if vehicles > best.0 {
+            *best = (vehicles, shift);
+        }
+    }
+    let name = |index: u32| recordings[index as usize].meta().name.clone();
+    found
+        .into_iter()
+        .filter(|(_, (vehicles, _))| *vehicles >= VEHICLES)
+        .map(|((a, b), (vehicles, shift))| Overlap { first: name(a), second: name(b), vehicles, shift })
+        .collect()
+}
+
+fn comparable(a: &Recording, b: &Recording) -> bool {
+    a.meta().dataset == b.meta().dataset && a.meta().site == b.meta().site && a.meta().rate_hz == b.meta().rate_hz
+}
+
+fn stretch_frames(recording: &Recording) -> usize {
+    ((STRETCH_S * recording.meta().rate_hz).round() as usize).max(SAMPLES)
+}
+
+fn collect(index: u32, recording: &Recording, share: u64, out: &mut Vec<Stretch>) {
+    let frames = stretch_frames(recording);
+    let vx = &recording.columns().vx;
+    for (track, t) in recording.tracks().iter().enumerate() {
+        // The last row's velocity is one-sided, and so are a cut's ends: leave them out.
+        for row in t.rows.start + 1..t.rows.end.saturating_sub(frames) {
+            let speeds: [f32; SAMPLES] = std::array::from_fn(|i| vx[row + i * (frames - 1) / (SAMPLES - 1)]);
+            let (low, high) = speeds.iter().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+            if high - low < DISTINCTIVE {
+                continue;
+            }
+            let length = (t.length * 10.).round() as i64;
+            let bins = speeds.iter().map(|v| (v / SPEED_BIN).round() as i64);
+            let signature = std::iter::once(length).chain(bins).fold(0xcbf2_9ce4_8422_2325u64, |hash, value| {
+                (hash ^ value as u64).wrapping_mul(0x0100_0000_01b3).rotate_left(17)
+            });
+            if signature.is_multiple_of(share) {
+                out.push(Stretch { signature, recording: index, track: track as u32, row: row as u32 });
+            }
+        }
+    }
+}
+
+/// Whether two stretches are one motion, frame by frame.
+fn agree(ra: &Recording, a: &Stretch, rb: &Recording, b: &Stretch) -> bool {
+    let (ca, cb) = (ra.columns(), rb.columns());
+    let (a, b) = (a.row as usize, b.row as usize);
+    (0..stretch_frames(ra)).all(|i| {
+        let along = (ca.x[a + i] - ca.x[a]) - (cb.x[b + i] - cb.x[b]);
+        let across = (ca.y[a + i] - ca.y[a]) - (cb.y[b + i] - cb.y[b]);
+        (ca.vx[a + i] - cb.vx[b + i]).abs() < SPEED_TOLERANCE
+            && along.abs() < LONGITUDINAL_TOLERANCE
+            && across.abs() < LATERAL_TOLERANCE
+    })
+}
+
+fn frame(recording: &Recording, stretch: &Stretch) -> i64 {
+    let track = &recording.tracks()[stretch.track as usize];
+    i64::from(track.first_frame) + (stretch.row as usize - track.rows.start) as i64
+}
+
+/// Vehicles in a set of pairs when each may stand in one pair only.
+fn one_to_one(pairs: &BTreeSet<(u32, u32)>) -> usize {
+    let (mut left, mut right) = (BTreeSet::new(), BTreeSet::new());
+    pairs.iter().filter(|(a, b)| !left.contains(a) && !right.contains(b) && left.insert(*a) && right.insert(*b)).count()
+}
+
+/// For each recording the first recording (by index) that it is connected with through overlaps,
+/// itself if with none: equal numbers must stay in one part of a split.
+#[must_use]
+pub fn groups(recordings: &[Recording], overlaps: &[Overlap]) -> Vec<usize> {
+    let index: BTreeMap<&str, usize> =
+        recordings.iter().enumerate().map(|(i, recording)| (recording.meta().name.as_str(), i)).collect();
+    let mut group: Vec<usize> = (0..recordings.len()).collect();
+    for overlap in overlaps {
+        let (Some(&a), Some(&b)) = (index.get(overlap.first.as_str()), index.get(overlap.second.as_str())) else {
+            continue;
+        };
+        let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
+        for member in &mut group {
+            if *member == high {
+                *member = low;
+            }
+        }
+    }
+    group
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{Columns, Dataset, NOBODY, RecordingMeta, Road, SLOTS, Track, VehicleClass};
+
+    /// A cut of frames `from..from + 60` of made-up traffic: vehicle `i` speeds up and slows down
+    /// in its own rhythm. `noise` moves every value a little, as a second measurement would.
+    fn cut(name: &str, vehicles: std::ops::Range<u32>, from: u32, noise: f32) -> Recording {
+        let (mut tracks, mut columns) = (Vec::new(), Columns::default());
+        for (n, i) in vehicles.enumerate() {
+            let start = columns.x.len();
+            for row in 0..60u32 {
+                let t = (from + row) as f32 * 0.1;
+                let (pace, swing) = (0.7 + 0.13 * i as f32, 2. + 0.1 * i as f32);
+                columns.x.push(20. * t - swing / pace * (pace * t).cos() + noise);
+                columns.y.push(0.3 * (0.5 * pace * t).sin() + noise);
+                columns.vx.push(20. + swing * (pace * t).sin() + noise * 0.5);
+                columns.vy.push(0.);
+                columns.lane.push(1);
+                columns.neighbours.push([NOBODY; SLOTS]);
+            }
+            tracks.push(Track {
+                vehicle: n as u32 + 1,
+                segment: 0,
+                road: 0,
+                class: VehicleClass::Car,
+                length: 4. + 0.1 * i as f32,
+                width: 2.,
+                first_frame: 1,
+                rows: start..columns.x.len(),
+            });
+        }
+        let meta = RecordingMeta {
+            dataset: Dataset::Ngsim,
+            site: "us-101".to_owned(),
+            name: name.to_owned(),
+            rate_hz: 10.,
+            simulated: false,
+        };
+        let roads = vec![Road { driving_direction: 2, lines: Vec::new(), fitted: false }];
+        Recording::from_parts(meta, roads, tracks, columns).unwrap()
+    }
+
+    #[test]
+    fn finds_two_cuts_of_one_measurement_and_their_shift() {
+        let recordings =
+            [cut("a", 0..6, 100, 0.), cut("b", 20..26, 100, 0.), cut("c", 2..8, 115, 0.02), cut("d", 5..9, 130, 0.)];
+        let found = overlaps(&recordings);
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert_eq!((found[0].first.as_str(), found[0].second.as_str()), ("a", "c"));
+        assert_eq!((found[0].vehicles, found[0].shift), (4, 15));
+        assert_eq!((found[1].first.as_str(), found[1].second.as_str()), ("c", "d"));
+        assert_eq!((found[1].vehicles, found[1].shift), (3, 15));
+        // a and d share one vehicle at most: they are together because c connects them.
+        assert_eq!(groups(&recordings, &found), [0, 1, 0, 0]);
+    }
+
+    #[test]
+    fn one_vehicle_alike_is_chance() {
+        assert_eq!(overlaps(&[cut("a", 0..6, 100, 0.), cut("d", 5..9, 110, 0.)]), []);
+    }
+}
