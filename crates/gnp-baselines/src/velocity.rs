@@ -1,0 +1,50 @@
+//! Constant velocity.
+
+use gnp_data::{Forecast, Observation, PredictError, Predictor};
+
+use crate::motion::{BaselineError, certain, check_span, periods, velocity};
+
+const NAME: &str = "constant velocity";
+
+/// Everybody goes on as they did over the last moments: the first thing to be better than.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConstantVelocity {
+    span_s: f64,
+}
+
+impl ConstantVelocity {
+    /// Time the velocity is estimated from, s.
+    pub const SPAN_S: f64 = 0.1;
+
+    /// Estimates the velocity by least squares over the last `span_s` seconds of positions, rounded
+    /// to whole frames, one at the least: then it is the backward difference.
+    ///
+    /// # Errors
+    /// When `span_s` is not a positive number.
+    pub fn new(span_s: f64) -> Result<Self, BaselineError> {
+        check_span(span_s, Self::SPAN_S)?;
+        Ok(Self { span_s })
+    }
+}
+
+impl Default for ConstantVelocity {
+    /// With [`ConstantVelocity::SPAN_S`].
+    fn default() -> Self {
+        Self { span_s: Self::SPAN_S }
+    }
+}
+
+impl Predictor for ConstantVelocity {
+    fn name(&self) -> &str {
+        NAME
+    }
+
+    fn predict(&self, observations: &[Observation<'_>], _k: usize) -> Result<Vec<Forecast>, PredictError> {
+        let one = |observation: &Observation<'_>| {
+            let shape = observation.shape();
+            let [vx, vy] = velocity(observation, periods(NAME, shape, self.span_s, 1)?);
+            Ok(certain(shape, |time| [vx * time, vy * time]))
+        };
+        observations.iter().map(one).collect()
+    }
+}
