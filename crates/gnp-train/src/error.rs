@@ -97,6 +97,31 @@ pub enum TrainError {
         #[source]
         source: serde_json::Error,
     },
+    /// The parts of a stage do not fit each other.
+    #[error("{stage}: {problem}")]
+    Mismatch {
+        /// Name of the stage.
+        stage: &'static str,
+        /// What does not fit, and what to do.
+        problem: &'static str,
+    },
+    /// A window that the recordings do not hold.
+    #[error("window {index} of {windows} is not in the recordings; make the split again from these recordings")]
+    Window {
+        /// Its index in the part.
+        index: usize,
+        /// Windows in the part.
+        windows: usize,
+    },
+    /// From windows to tensors.
+    #[error(transparent)]
+    Model(#[from] gnp_model::ModelError),
+    /// From the goal network.
+    #[error(transparent)]
+    Goal(#[from] gnp_goal::GoalError),
+    /// From the neural social force.
+    #[error(transparent)]
+    Traj(#[from] gnp_traj::TrajError),
     /// A tensor operation failed.
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),

@@ -1,6 +1,7 @@
 //! Training: one loop for every network of GNP, with exact resume.
 //!
-//! A [`Stage`] knows its weights, its windows and its loss; [`Trainer`] knows epochs, mini-batches,
+//! [`GoalStage`] trains the goal network, [`PathStage`] the attraction and then the repulsion of the
+//! social force. A [`Stage`] knows its weights, its windows and its loss; [`Trainer`] knows epochs, mini-batches,
 //! Adam, schedules, validation, early stopping and checkpoints, and nothing of windows. Checkpoints
 //! leave through a [`Sink`], progress through an [`Observer`]; [`EventWriter`] is an observer that
 //! TensorBoard reads.
@@ -19,6 +20,7 @@ mod optimiser;
 mod schedule;
 mod seed;
 mod stage;
+mod stages;
 mod state;
 
 pub use crate::config::TrainConfig;
@@ -31,4 +33,5 @@ pub use crate::optimiser::{Adam, Step};
 pub use crate::schedule::{Position, Schedule};
 pub use crate::seed::mix;
 pub use crate::stage::{Stage, Sums};
+pub use crate::stages::{GoalStage, GoalTraining, PathStage, PathTraining, Windows};
 pub use crate::state::{Best, Kind, Progress, Sink, State};

@@ -97,12 +97,12 @@ impl<S: Sink + ?Sized> Sink for &mut S {
     }
 }
 
-const FIRST: &str = "optimiser.first.";
-const SECOND: &str = "optimiser.second.";
+const FIRST: &str = "trainer.first.";
+const SECOND: &str = "trainer.second.";
 
 impl State {
     /// All tensors under one set of names, for a file: weights under their own names, moments
-    /// under `optimiser.first.` and `optimiser.second.` and the weight's name.
+    /// under `trainer.first.` and `trainer.second.` and the weight's name.
     #[must_use]
     pub fn tensors(&self) -> BTreeMap<String, Tensor> {
         let under = |prefix: &'static str, of: &BTreeMap<String, Tensor>| {

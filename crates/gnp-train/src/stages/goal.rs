@@ -1,0 +1,157 @@
+//! The goal network's stage.
+
+use std::collections::BTreeMap;
+
+use candle_core::{Device, Tensor, Var};
+use gnp_data::Window;
+use gnp_goal::{GoalLoss, GoalNet, LabelConfig, Pick, goal_loss, labels};
+use gnp_model::{Features, GoalInputs, Seen};
+use gnp_modes::Modes;
+use gnp_nn::{Dropout, Weights};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::error::TrainError;
+use crate::seed::mix;
+use crate::stage::{Stage, Sums};
+use crate::stages::windows::{Windows, check_mirror};
+
+/// Goals a window that the validation scores look at.
+const LOOKED_AT: usize = 6;
+
+/// What the goal network is trained for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalTraining {
+    /// Weight of the probabilities against the future in the loss; 0.2 in the paper.
+    pub alpha: f64,
+    /// How a future is shared out over the modes.
+    pub labels: LabelConfig,
+    /// Share of the training windows that are seen with left and right exchanged; 0 as published.
+    pub mirror: f64,
+}
+
+impl GoalTraining {
+    /// Whether every value can be used.
+    ///
+    /// # Errors
+    /// With the first key that cannot, and what to write instead.
+    pub fn check(&self) -> Result<(), TrainError> {
+        if !(0. ..=1.).contains(&self.alpha) {
+            let remedy = "give a weight between 0 and 1; the paper's is 0.2";
+            return Err(TrainError::Config { key: "alpha", value: self.alpha.to_string(), remedy });
+        }
+        self.labels.check()?;
+        check_mirror(self.mirror)
+    }
+}
+
+/// Trains a [`GoalNet`]: the mode nearest to the truth is decoded and held against it, the
+/// probabilities against soft labels (GNP paper, section on mode-level goal prediction).
+///
+/// Its validation scores are `loss`, `regression` and `classification` as in training but without
+/// dropout, and in m the errors at the last frame of the likeliest goal, `fde`, and of the best of
+/// the six likeliest, `min_fde_6`.
+#[derive(Debug)]
+pub struct GoalStage<'a> {
+    net: GoalNet,
+    weights: &'a Weights,
+    features: &'a Features,
+    /// Centres in the network's unit, and in m.
+    centres: [Tensor; 2],
+    train: Windows<'a>,
+    validation: Windows<'a>,
+    config: &'a GoalTraining,
+}
+
+impl<'a> GoalStage<'a> {
+    /// The stage of `net`, which was built on `weights`; `modes` are in the frame of `features`.
+    ///
+    /// # Errors
+    /// When the configuration is refused, or the modes do not have the features' frames.
+    pub fn new(
+        net: GoalNet,
+        weights: &'a Weights,
+        features: &'a Features,
+        modes: &Modes,
+        [train, validation]: [Windows<'a>; 2],
+        config: &'a GoalTraining,
+    ) -> Result<Self, TrainError> {
+        config.check()?;
+        if modes.frame != features.mode_frame() || modes.t_pred != features.shape().predicted {
+            let problem = "the modes are not in the frame of the features; find them again";
+            return Err(TrainError::Mismatch { stage: "goal", problem });
+        }
+        let scaled = features.centres(modes, weights.device())?;
+        let metres = (&scaled * features.config().length_scale)?;
+        Ok(Self { net, weights, features, centres: [scaled, metres], train, validation, config })
+    }
+
+    fn device(&self) -> &Device {
+        self.weights.device()
+    }
+
+    /// The loss over `windows`, with what it was made of: inputs, and truth in the network's unit.
+    fn losses(
+        &self,
+        windows: &[(Seen<'_>, Window<'_>)],
+        dropout: Option<&mut Dropout>,
+    ) -> Result<(GoalLoss, GoalInputs, Tensor), TrainError> {
+        let seen: Vec<Seen<'_>> = windows.iter().map(|(seen, _)| *seen).collect();
+        let inputs = self.features.goal_inputs(&seen, self.device())?;
+        let truth = self.features.futures(windows, self.device())?;
+        let [scaled, metres] = &self.centres;
+        let labels = labels(&(&truth * self.features.config().length_scale)?, metres, &self.config.labels)?;
+        let GoalInputs { observed, neighbours, mask } = &inputs;
+        let pick = Pick::Indices(labels.nearest);
+        let output = self.net.forward(observed, neighbours, mask, scaled, &pick, dropout)?;
+        let loss = goal_loss(&output, &truth, &labels.soft, self.config.alpha)?;
+        Ok((loss, inputs, truth))
+    }
+}
+
+impl Stage for GoalStage<'_> {
+    fn name(&self) -> &'static str {
+        "goal"
+    }
+
+    fn trainable(&self) -> BTreeMap<String, Var> {
+        self.weights.named()
+    }
+
+    fn train_len(&self) -> usize {
+        self.train.len()
+    }
+
+    fn validation_len(&self) -> usize {
+        self.validation.len()
+    }
+
+    fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(mix(step_seed, 0));
+        let windows = self.train.batch(batch, self.config.mirror, &mut rng)?;
+        let mut dropout = Dropout::new(self.net.config().dropout, mix(step_seed, 1));
+        Ok(self.losses(&windows, Some(&mut dropout))?.0.total)
+    }
+
+    fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
+        let windows = self.validation.batch(batch, 0., &mut ChaCha8Rng::seed_from_u64(0))?;
+        let (loss, inputs, truth) = self.losses(&windows, None)?;
+        let GoalInputs { observed, neighbours, mask } = &inputs;
+        let goals = self.net.predict(observed, neighbours, mask, &self.centres[0], LOOKED_AT)?;
+        let last = self.features.shape().predicted - 1;
+        let ends = goals.futures.narrow(2, last, 1)?.squeeze(2)?;
+        let true_ends = truth.narrow(1, last, 1)?;
+        let off = ends.broadcast_sub(&true_ends)?.sqr()?.sum(2)?.sqrt()?;
+        let off = (off * self.features.config().length_scale)?.to_vec2::<f32>()?;
+        let sum = |of: fn(&[f32]) -> f32| off.iter().map(|row| f64::from(of(row))).sum::<f64>();
+        let fde = sum(|row| row.first().copied().unwrap_or(f32::NAN));
+        let min_fde = sum(|row| row.iter().copied().fold(f32::INFINITY, f32::min));
+        let count = batch.len();
+        let whole = |mean: &Tensor| Ok::<_, TrainError>(f64::from(mean.to_scalar::<f32>()?) * count as f64);
+        let losses = [("loss", whole(&loss.total)?), ("regression", whole(&loss.regression)?)];
+        let more = [("classification", whole(&loss.classification)?), ("fde", fde), ("min_fde_6", min_fde)];
+        Ok(Sums::new(count, losses.into_iter().chain(more)))
+    }
+}

@@ -1,0 +1,214 @@
+//! The social force's stages: attraction, then repulsion.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use candle_core::{Device, Tensor, Var};
+use gnp_data::{Truth, Window};
+use gnp_model::{Features, NeighbourFuture, Seen};
+use gnp_nn::Weights;
+use gnp_traj::{Phase, SocialForce};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::error::TrainError;
+use crate::seed::mix;
+use crate::stage::{Stage, Sums};
+use crate::stages::windows::{Windows, check_mirror};
+
+/// Parts of the attraction network (phi_1); every other weight is of the repulsion network (phi_2).
+const ATTRACTION: [&str; 5] = ["emb1.", "cell1.", "out1.", "enc_goal.", "tau."];
+
+/// What the social force is trained for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PathTraining {
+    /// Standard deviation of what is added to the true goal in training, forward and to the left,
+    /// m: predicted goals are never exact. 0 and 0 as published.
+    pub goal_noise_m: [f64; 2],
+    /// Share of the training windows that are seen with left and right exchanged; 0 as published.
+    pub mirror: f64,
+}
+
+impl PathTraining {
+    /// Whether every value can be used.
+    ///
+    /// # Errors
+    /// With the first key that cannot, and what to write instead.
+    pub fn check(&self) -> Result<(), TrainError> {
+        if !self.goal_noise_m.iter().all(|noise| noise.is_finite() && *noise >= 0.) {
+            let remedy = "give two standard deviations in m, each 0 (as published) or more";
+            return Err(TrainError::Config { key: "goal_noise_m", value: format!("{:?}", self.goal_noise_m), remedy });
+        }
+        check_mirror(self.mirror)
+    }
+}
+
+/// Trains one of the two networks of a [`SocialForce`] on its roll-out towards the true goal
+/// (GNP paper, progressive training): first the attraction alone, then, that one frozen, the
+/// repulsion.
+///
+/// Its validation scores are `mse`, the loss without noise and mirror in m², and `ade` and `fde` in
+/// m. All are made with the true goal: they measure the force, not the prediction.
+#[derive(Debug)]
+pub struct PathStage<'a> {
+    name: &'static str,
+    phase: Phase,
+    force: SocialForce,
+    weights: &'a Weights,
+    features: &'a Features,
+    train: Windows<'a>,
+    validation: Windows<'a>,
+    informed: bool,
+    config: &'a PathTraining,
+}
+
+impl<'a> PathStage<'a> {
+    /// The attraction of `force`, which was built on `weights`; nobody pushes.
+    ///
+    /// # Errors
+    /// When the configuration is refused.
+    pub fn attraction(
+        force: SocialForce,
+        weights: &'a Weights,
+        features: &'a Features,
+        [train, validation]: [Windows<'a>; 2],
+        config: &'a PathTraining,
+    ) -> Result<Self, TrainError> {
+        config.check()?;
+        let (name, phase, informed) = ("attraction", Phase::Attraction, false);
+        Ok(Self { name, phase, force, weights, features, train, validation, informed, config })
+    }
+
+    /// The repulsion of `force`, whose attraction is trained. `neighbours` says where the
+    /// neighbours are: on recorded paths for [`NeighbourFuture::Oracle`], straight on for the other
+    /// two, because vehicles that react to each other need each other's forces, which are not
+    /// trained yet.
+    ///
+    /// # Errors
+    /// When the configuration is refused.
+    pub fn repulsion(
+        force: SocialForce,
+        weights: &'a Weights,
+        features: &'a Features,
+        [train, validation]: [Windows<'a>; 2],
+        neighbours: NeighbourFuture,
+        config: &'a PathTraining,
+    ) -> Result<Self, TrainError> {
+        config.check()?;
+        let (name, phase, informed) = ("repulsion", Phase::Repulsion, neighbours == NeighbourFuture::Oracle);
+        Ok(Self { name, phase, force, weights, features, train, validation, informed, config })
+    }
+
+    fn device(&self) -> &Device {
+        self.weights.device()
+    }
+
+    /// Rolled out and true positions, both `[batch, t_pred, 2]`, m; `off` is added to the goals.
+    fn paths(&self, windows: &[(Seen<'_>, Window<'_>)], off: &[[f32; 2]]) -> Result<[Tensor; 2], TrainError> {
+        let (batch, t_pred) = (windows.len(), self.features.shape().predicted);
+        let mut truth = Vec::with_capacity(batch * t_pred * 2);
+        let mut goals = Vec::with_capacity(batch * 2);
+        for ((seen, window), off) in windows.iter().zip(off) {
+            let recorded = window.truth();
+            for j in 0..t_pred {
+                let state = seen.true_target(&recorded, j);
+                truth.extend([state.x, state.y]);
+            }
+            let goal = seen.true_target(&recorded, t_pred - 1);
+            goals.extend([goal.x + off[0], goal.y + off[1]]);
+        }
+        let goals = Tensor::from_vec(goals, (batch, 1, 2), self.device())?;
+        let seen: Vec<Seen<'_>> = windows.iter().map(|(seen, _)| *seen).collect();
+        let truths: Option<Vec<Truth<'_>>> =
+            self.informed.then(|| windows.iter().map(|(_, window)| window.truth()).collect());
+        let scene = self.features.scene(&seen, goals, truths.as_deref(), self.device())?;
+        let path = self.force.roll_out(&scene, self.phase)?.squeeze(1)?;
+        Ok([path, Tensor::from_vec(truth, (batch, t_pred, 2), self.device())?])
+    }
+}
+
+impl Stage for PathStage<'_> {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn trainable(&self) -> BTreeMap<String, Var> {
+        let attracts = |name: &str| ATTRACTION.iter().any(|part| name.starts_with(part));
+        let trained = |(name, _): &(String, Var)| attracts(name) == (self.phase == Phase::Attraction);
+        self.weights.named().into_iter().filter(trained).collect()
+    }
+
+    fn train_len(&self) -> usize {
+        self.train.len()
+    }
+
+    fn validation_len(&self) -> usize {
+        self.validation.len()
+    }
+
+    fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
+        let windows = self.train.batch(batch, self.config.mirror, &mut ChaCha8Rng::seed_from_u64(mix(step_seed, 0)))?;
+        let mut rng = ChaCha8Rng::seed_from_u64(mix(step_seed, 1));
+        let [forward, left] = self.config.goal_noise_m;
+        let draw = |_| {
+            let [a, b] = normal(&mut rng);
+            [(forward * a) as f32, (left * b) as f32]
+        };
+        let off: Vec<[f32; 2]> = windows.iter().map(draw).collect();
+        let [path, truth] = self.paths(&windows, &off)?;
+        Ok((path - truth)?.sqr()?.mean_all()?)
+    }
+
+    fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
+        let windows = self.validation.batch(batch, 0., &mut ChaCha8Rng::seed_from_u64(0))?;
+        let [path, truth] = self.paths(&windows, &vec![[0.; 2]; batch.len()])?;
+        let squares = (path.detach() - truth)?.sqr()?.sum(2)?.to_vec2::<f32>()?;
+        let (mut mse, mut ade, mut fde) = (0., 0., 0.);
+        for row in &squares {
+            let frames = row.len() as f64;
+            mse += row.iter().map(|square| f64::from(*square)).sum::<f64>() / (2. * frames);
+            ade += row.iter().map(|square| f64::from(*square).sqrt()).sum::<f64>() / frames;
+            fde += row.last().map_or(f64::NAN, |square| f64::from(*square).sqrt());
+        }
+        Ok(Sums::new(batch.len(), [("mse", mse), ("ade", ade), ("fde", fde)]))
+    }
+}
+
+/// Two independent draws from the standard normal distribution (Box and Muller 1958).
+fn normal(rng: &mut impl Rng) -> [f64; 2] {
+    let radius = (-2. * (1. - rng.random::<f64>()).ln()).sqrt();
+    let (sin, cos) = (TAU * rng.random::<f64>()).sin_cos();
+    [radius * cos, radius * sin]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_has_mean_0_and_variance_1() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let draws: Vec<f64> = (0..20_000).flat_map(|_| normal(&mut rng)).collect();
+        let mean = draws.iter().sum::<f64>() / draws.len() as f64;
+        let variance = draws.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / draws.len() as f64;
+        let beyond_two = draws.iter().filter(|x| x.abs() > 2.).count() as f64 / draws.len() as f64;
+        assert!(mean.abs() < 0.02 && (variance - 1.).abs() < 0.03, "{mean}, {variance}");
+        assert!((beyond_two - 0.0455).abs() < 0.005, "{beyond_two}");
+    }
+
+    #[test]
+    fn bad_values_are_refused_by_key() {
+        let good = PathTraining { goal_noise_m: [2., 0.], mirror: 0.5 };
+        assert!(good.check().is_ok());
+        for (bad, key) in [
+            (PathTraining { goal_noise_m: [-1., 0.], ..good.clone() }, "goal_noise_m"),
+            (PathTraining { goal_noise_m: [0., f64::NAN], ..good.clone() }, "goal_noise_m"),
+            (PathTraining { mirror: 1.1, ..good.clone() }, "mirror"),
+        ] {
+            let message = bad.check().unwrap_err().to_string();
+            assert!(message.starts_with(key), "{message}");
+        }
+    }
+}
