@@ -5,9 +5,12 @@
 //! frame of a window is its origin. No value of a later frame can be reached through an
 //! [`Observation`].
 
+mod assemble;
 mod cache;
 mod error;
+mod lanes;
 mod lookup;
+mod neighbours;
 mod overlap;
 mod parts;
 mod predictor;

@@ -1,7 +1,18 @@
 //! Recordings from files.
 
+mod checks;
+mod diagnosis;
+mod discover;
+mod gzip;
+mod highd;
+mod ngsim;
+mod periods;
+mod sniff;
+mod table;
+
 use std::path::{Path, PathBuf};
 
+pub use self::discover::discover;
 use crate::error::DataError;
 use crate::quality::Quality;
 use crate::recording::{Dataset, Recording};
@@ -32,23 +43,37 @@ pub struct Expectation {
     pub rate_hz: Option<f64>,
 }
 
-/// Recordings in a file, or in a folder and its sub-folders, sorted by name. Files are recognised
-/// by their headers and numbers of columns, not by their names.
-///
-/// # Errors
-/// When nothing is found, a file cannot be read, or a file is a recording but for a column, its
-/// delimiter or its partner files.
-pub fn discover(path: &Path, dataset: Dataset) -> Result<Vec<Source>, DataError> {
-    let _ = dataset;
-    Err(DataError::NoRecordings { folder: path.into(), expected: "recordings", seen: String::new() })
-}
-
 /// The recordings of a source, with a report on each. One source is read at a time, so that memory
 /// does not grow with their number.
+///
+/// NGSIM: one recording for each site and period of the file, named `FILE` or, where there are
+/// several, `FILE/SITE-PERIOD`. highD: one recording.
 ///
 /// # Errors
 /// Any [`DataError`] about a file: see there.
 pub fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, Quality)>, DataError> {
-    let _ = expect;
-    Err(DataError::Empty { file: source.files[0].clone() })
+    if source.dataset != expect.dataset {
+        return Err(DataError::NoRecordings {
+            folder: source.files.first().cloned().unwrap_or_default(),
+            expected: match expect.dataset {
+                Dataset::Ngsim => "NGSIM",
+                Dataset::HighD => "highD",
+            },
+            seen: "a recording of the other dataset".into(),
+        });
+    }
+    match source.dataset {
+        Dataset::Ngsim => ngsim::read(source, expect),
+        Dataset::HighD => highd::read(source, expect),
+    }
+}
+
+/// Refuses a rate the configuration does not expect.
+fn check_rate(file: &Path, recording: &str, found_hz: f64, expected_hz: Option<f64>) -> Result<(), DataError> {
+    match expected_hz {
+        Some(expected_hz) if (found_hz - expected_hz).abs() > 1e-6 * expected_hz => {
+            Err(DataError::Rate { file: file.into(), recording: recording.to_owned(), found_hz, expected_hz })
+        }
+        _ => Ok(()),
+    }
 }

@@ -1,0 +1,270 @@
+//! From rows of a table to a recording: order, repeated rows, gap-free tracks, velocities,
+//! neighbours.
+
+use rayon::prelude::*;
+
+use crate::error::DataError;
+use crate::lookup::FrameIndex;
+use crate::neighbours;
+use crate::quality::Quality;
+use crate::recording::{Columns, NOBODY, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass};
+
+/// Rows of one recording in SI units and the road frame, in the order of the file.
+pub(crate) struct Rows {
+    pub(crate) vehicle: Vec<u32>,
+    pub(crate) frame: Vec<u32>,
+    /// Centre of the box, forward, m.
+    pub(crate) x: Vec<f32>,
+    /// Centre of the box, to the left, m.
+    pub(crate) y: Vec<f32>,
+    /// Recorded velocity, m/s; differentiated from positions where there is none.
+    pub(crate) velocity: Option<[Vec<f32>; 2]>,
+    /// Lane number of the file.
+    pub(crate) lane: Vec<i16>,
+    /// Vehicle in each slot, 0 or less for none; found from lanes where there is none.
+    pub(crate) neighbours: Option<[Vec<i32>; SLOTS]>,
+}
+
+/// What a track is, as its first row says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Body {
+    pub(crate) class: VehicleClass,
+    pub(crate) length: f32,
+    pub(crate) width: f32,
+    pub(crate) road: u16,
+}
+
+/// The recording, and a report with everything but what only the reader of the file knows. `body`
+/// is asked for a row of `rows`.
+pub(crate) fn assemble(
+    meta: RecordingMeta,
+    roads: Vec<Road>,
+    rows: Rows,
+    body: impl Fn(usize) -> Body,
+) -> Result<(Recording, Quality), DataError> {
+    let rows_read = rows.x.len() as u64;
+    let Kept { order, duplicates, conflicts } = keep(&rows, &body);
+    let pick = |row: usize| order.as_ref().map_or(row, |order| order[row] as usize);
+    let count = order.as_ref().map_or(rows.x.len(), Vec::len);
+    let tracks = tracks(&rows, count, pick, body);
+
+    let (neighbours, unknown) = match &rows.neighbours {
+        Some(ids) => named(ids, &tracks, pick, count),
+        None => (Vec::new(), 0),
+    };
+    let Rows { x, y, velocity, lane, .. } = rows;
+    let x = reorder(x, order.as_deref());
+    let y = reorder(y, order.as_deref());
+    let lane = reorder(lane, order.as_deref());
+    let [vx, vy] = match velocity {
+        Some(recorded) => recorded.map(|v| reorder(v, order.as_deref())),
+        None => [&x, &y].map(|position| derivative(position, &tracks, meta.rate_hz)),
+    };
+    let neighbours = if neighbours.is_empty() && count > 0 {
+        let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
+        neighbours::from_lanes(&tracks, &FrameIndex::new(&spans), &x, &lane)
+    } else {
+        neighbours
+    };
+    let columns = Columns { x, y, vx, vy, lane, neighbours };
+    let recording = Recording::from_parts(meta, roads, tracks, columns)?;
+    let mut quality = Quality::of(&recording);
+    quality.rows_read = rows_read;
+    quality.duplicates = duplicates;
+    quality.conflicts = conflicts;
+    quality.unknown_neighbours = unknown;
+    Ok((recording, quality))
+}
+
+/// Rows that are kept, by vehicle and frame.
+struct Kept {
+    /// Places of the rows; `None` when the file has them all, in order.
+    order: Option<Vec<u32>>,
+    duplicates: u64,
+    conflicts: u64,
+}
+
+fn keep(rows: &Rows, body: &impl Fn(usize) -> Body) -> Kept {
+    let key = |row: usize| (rows.vehicle[row], rows.frame[row]);
+    if (1..rows.x.len()).all(|row| key(row - 1) < key(row)) {
+        return Kept { order: None, duplicates: 0, conflicts: 0 };
+    }
+    let mut order: Vec<u32> = (0..rows.x.len() as u32).collect();
+    // The place in the file decides between equals: the first row of a frame is kept.
+    order.par_sort_unstable_by_key(|row| (key(*row as usize), *row));
+    let same = |a: usize, b: usize| {
+        (rows.x[a], rows.y[a], rows.lane[a]) == (rows.x[b], rows.y[b], rows.lane[b])
+            && rows.velocity.iter().flatten().all(|v| v[a] == v[b])
+            && rows.neighbours.iter().flatten().all(|v| v[a] == v[b])
+            && body(a) == body(b)
+    };
+    let (mut duplicates, mut conflicts) = (0, 0);
+    order.dedup_by(|next, kept| {
+        let (next, kept) = (*next as usize, *kept as usize);
+        let repeated = key(next) == key(kept);
+        if repeated && same(next, kept) {
+            duplicates += 1;
+        } else if repeated {
+            conflicts += 1;
+        }
+        repeated
+    });
+    Kept { order: Some(order), duplicates, conflicts }
+}
+
+/// Gap-free tracks of the kept rows.
+fn tracks(rows: &Rows, count: usize, pick: impl Fn(usize) -> usize, body: impl Fn(usize) -> Body) -> Vec<Track> {
+    let mut tracks: Vec<Track> = Vec::new();
+    let mut before: Option<(u32, u32)> = None;
+    for i in 0..count {
+        let row = pick(i);
+        let (vehicle, frame) = (rows.vehicle[row], rows.frame[row]);
+        match (before, tracks.last_mut()) {
+            (Some((same, last)), Some(track)) if same == vehicle && frame - last == 1 => track.rows.end = i + 1,
+            (_, last) => {
+                let segment = last.filter(|last| last.vehicle == vehicle).map_or(0, |last| last.segment + 1);
+                let Body { class, length, width, road } = body(row);
+                let rows = i..i + 1;
+                tracks.push(Track { vehicle, segment, road, class, length, width, first_frame: frame, rows });
+            }
+        }
+        before = Some((vehicle, frame));
+    }
+    tracks
+}
+
+fn reorder<T: Copy + Send + Sync>(column: Vec<T>, order: Option<&[u32]>) -> Vec<T> {
+    let Some(order) = order else { return column };
+    order.par_iter().map(|row| column[*row as usize]).collect()
+}
+
+/// Derivative in time of a position within each track: central inside, one-sided at the ends, 0 for
+/// a track of one row.
+fn derivative(position: &[f32], tracks: &[Track], rate_hz: f64) -> Vec<f32> {
+    let mut slope = Vec::with_capacity(position.len());
+    for track in tracks {
+        let p = &position[track.rows.clone()];
+        let last = p.len() - 1;
+        slope.extend((0..p.len()).map(|i| {
+            let (from, to) = (i.saturating_sub(1), last.min(i + 1));
+            let steps = (to - from).max(1) as f64;
+            (f64::from(p[to] - p[from]) * rate_hz / steps) as f32
+        }));
+    }
+    slope
+}
+
+/// Tracks in the slots of every row from the vehicles the file names, and how many of these are
+/// absent in the frame.
+fn named(
+    ids: &[Vec<i32>; SLOTS],
+    tracks: &[Track],
+    pick: impl Fn(usize) -> usize + Sync,
+    count: usize,
+) -> (Vec<[u32; SLOTS]>, u64) {
+    let mut slots = vec![[NOBODY; SLOTS]; count];
+    let mut rest = slots.as_mut_slice();
+    let mut of_track = Vec::with_capacity(tracks.len());
+    for track in tracks {
+        let (mine, after) = rest.split_at_mut(track.rows.len());
+        of_track.push((track, mine));
+        rest = after;
+    }
+    let unknown = of_track.into_par_iter().map(|(track, mine)| {
+        let mut unknown = 0;
+        // A neighbour stays the same over many rows: its track is looked up once.
+        let mut last = [None::<(u32, usize)>; SLOTS];
+        for (i, slots) in mine.iter_mut().enumerate() {
+            let row = pick(track.rows.start + i);
+            let frame = track.first_frame + i as u32;
+            for slot in 0..SLOTS {
+                let Some(vehicle) = u32::try_from(ids[slot][row]).ok().filter(|vehicle| *vehicle > 0) else { continue };
+                let there = |t: usize| tracks[t].vehicle == vehicle && tracks[t].row_at(frame).is_some();
+                let known = last[slot].filter(|(same, t)| *same == vehicle && there(*t)).map(|(_, t)| t);
+                let found = known.or_else(|| {
+                    let first = tracks.partition_point(|other| other.vehicle < vehicle);
+                    (first..tracks.len()).take_while(|t| tracks[*t].vehicle == vehicle).find(|t| there(*t))
+                });
+                match found.filter(|_| vehicle != track.vehicle) {
+                    Some(t) => {
+                        last[slot] = Some((vehicle, t));
+                        slots[slot] = t as u32;
+                    }
+                    None => unknown += 1,
+                }
+            }
+        }
+        unknown
+    });
+    let unknown = unknown.sum();
+    (slots, unknown)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::Dataset;
+
+    fn meta() -> RecordingMeta {
+        RecordingMeta { dataset: Dataset::Ngsim, site: "s".into(), name: "n".into(), rate_hz: 10., simulated: false }
+    }
+
+    fn road() -> Road {
+        Road { driving_direction: 2, lines: Vec::new(), fitted: true }
+    }
+
+    /// Rows given as (vehicle, frame, x).
+    fn rows(given: &[(u32, u32, f32)]) -> Rows {
+        Rows {
+            vehicle: given.iter().map(|row| row.0).collect(),
+            frame: given.iter().map(|row| row.1).collect(),
+            x: given.iter().map(|row| row.2).collect(),
+            y: vec![0.; given.len()],
+            velocity: None,
+            lane: vec![1; given.len()],
+            neighbours: None,
+        }
+    }
+
+    fn car(_: usize) -> Body {
+        Body { class: VehicleClass::Car, length: 4., width: 2., road: 0 }
+    }
+
+    #[test]
+    fn repeated_rows_go_and_gaps_part_tracks() {
+        let given = [
+            (7, 3, 30.),
+            (7, 1, 10.),
+            (7, 1, 10.), // the same again
+            (7, 2, 21.),
+            (7, 2, 99.), // contradicts the row before
+            (5, 9, 0.),
+            (7, 6, 60.), // after a gap
+            (7, 7, 75.),
+        ];
+        let (recording, quality) = assemble(meta(), vec![road()], rows(&given), car).unwrap();
+        let tracks: Vec<_> =
+            recording.tracks().iter().map(|t| (t.vehicle, t.segment, t.first_frame, t.rows.clone())).collect();
+        assert_eq!(tracks, [(5, 0, 9, 0..1), (7, 0, 1, 1..4), (7, 1, 6, 4..6)]);
+        assert_eq!(recording.columns().x, [0., 10., 21., 30., 60., 75.]);
+        // One-sided, central, one-sided; no difference across the gap.
+        assert_eq!(recording.columns().vx, [0., 110., 100., 90., 150., 150.]);
+        assert_eq!((quality.duplicates, quality.conflicts, quality.gaps), (1, 1, 1));
+        assert_eq!((quality.rows_read, quality.rows, quality.vehicles, quality.tracks), (8, 6, 2, 3));
+    }
+
+    #[test]
+    fn a_named_neighbour_is_the_track_present_in_the_frame() {
+        let given = [(3, 1, 0.), (3, 2, 1.), (3, 5, 4.), (8, 1, 50.), (8, 2, 51.), (8, 5, 54.), (8, 6, 55.)];
+        let mut rows = rows(&given);
+        let mut ids: [Vec<i32>; SLOTS] = std::array::from_fn(|_| vec![0; given.len()]);
+        ids[1] = vec![0, 0, 0, 3, 3, 3, 3]; // in frame 6 vehicle 3 is gone
+        ids[6] = vec![-1, 8, 8, 0, 0, 0, 0];
+        rows.neighbours = Some(ids);
+        let (recording, quality) = assemble(meta(), vec![road()], rows, car).unwrap();
+        let at = |slot: usize| (0..7).map(|row| recording.neighbour(row, slot)).collect::<Vec<_>>();
+        assert_eq!(at(1), [None, None, None, Some(0), Some(0), Some(1), None]);
+        assert_eq!(at(6), [None, Some(2), Some(3), None, None, None, None]);
+        assert_eq!(quality.unknown_neighbours, 1);
+    }
+}

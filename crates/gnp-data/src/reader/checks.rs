@@ -1,0 +1,46 @@
+//! Values of a column that must lie in a range, with the line of the first that does not.
+
+use super::table::{Table, Wanted};
+use crate::error::DataError;
+
+impl Table {
+    /// Numbers of vehicles and frames.
+    pub(super) fn natural(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<u32>, DataError> {
+        if let Some(row) = values.iter().position(|v| *v < 0) {
+            return Err(self.bad_value(row, column, values[row], "is negative; repair it or remove the row"));
+        }
+        Ok(values.into_iter().map(i32::cast_unsigned).collect())
+    }
+
+    /// Lane numbers; 0 is unknown.
+    pub(super) fn lane_numbers(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<i16>, DataError> {
+        if let Some(row) = values.iter().position(|v| !(0..=i32::from(i16::MAX)).contains(v)) {
+            return Err(self.bad_value(row, column, values[row], "is not a lane number; repair it or remove the row"));
+        }
+        Ok(values.into_iter().map(|v| v as i16).collect())
+    }
+
+    /// Sizes.
+    pub(super) fn positive(&self, values: Vec<f32>, column: Wanted) -> Result<Vec<f32>, DataError> {
+        if let Some(row) = values.iter().position(|v| *v <= 0.) {
+            return Err(self.bad_value(
+                row,
+                column,
+                format!("{} m", values[row]),
+                "is no size: it must be positive; repair it or remove the vehicle",
+            ));
+        }
+        Ok(values)
+    }
+
+    /// Row `row` whose frame is before that of an earlier row of its vehicle.
+    pub(super) fn frame_order(&self, column: &str, row: usize, vehicle: u32, frame: u32, previous: u32) -> DataError {
+        match self.line_of(row) {
+            Ok(line) => {
+                let (file, column) = (self.file.clone(), column.to_owned());
+                DataError::FrameOrder { file, line, column, vehicle, frame, previous }
+            }
+            Err(e) => e,
+        }
+    }
+}
