@@ -13,8 +13,13 @@ pub struct ConstantVelocity {
 }
 
 impl ConstantVelocity {
-    /// Time the velocity is estimated from, s.
-    pub const SPAN_S: f64 = 0.1;
+    /// Time the velocity is estimated from, s, where nothing else is asked for.
+    ///
+    /// Of all spans it has the smallest error at every horizon on the US-101 scenes in `fixtures/`,
+    /// whose positions are noisy: RMSE at 5 s of 6.77 m, against 8.27 m with one frame (0.1 s), 6.83 m
+    /// with 1 s and 8.26 m with 3 s. Smooth positions ask for less: on the I-80 lanes it is 5.40 m
+    /// against 4.93 m with one frame.
+    pub const SPAN_S: f64 = 0.8;
 
     /// Estimates the velocity by least squares over the last `span_s` seconds of positions, rounded
     /// to whole frames, one at the least: then it is the backward difference.

@@ -1,5 +1,7 @@
 //! Motions whose continuation is known.
 
+#![allow(clippy::unwrap_used, clippy::panic)] // also outside the test functions
+
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity};
 use gnp_data::{
     Columns, Dataset, Observation, PredictError, Predictor, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass,

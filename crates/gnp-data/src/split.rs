@@ -262,7 +262,7 @@ impl Split {
     /// when `set` does not hold the windows.
     pub fn check(&self, set: &WindowSet<'_>) -> Result<(), DataError> {
         let mut whole: BTreeMap<(u32, Option<u32>), Part> = BTreeMap::new();
-        let mut spans: BTreeMap<(u32, u32), Vec<(u32, u32, Part)>> = BTreeMap::new();
+        let mut spans: BTreeMap<(u32, u32), Vec<Span>> = BTreeMap::new();
         for part in Part::ALL {
             for id in self.part(part) {
                 let recording = set.recording(*id).ok_or(DataError::ForeignSplit)?;
@@ -296,6 +296,9 @@ impl Split {
         Ok(())
     }
 }
+
+/// First and last frame of a window, and its part.
+type Span = (u32, u32, Part);
 
 fn shared(recording: &Recording, vehicle: u32, frame: u32) -> DataError {
     DataError::SharedFrame { recording: recording.meta().name.clone(), vehicle, frame }

@@ -1,5 +1,7 @@
 //! Nothing that an observation gives depends on a row after the last observed frame.
 
+#![allow(clippy::unwrap_used)] // also outside the test functions
+
 mod scene;
 
 use gnp_data::{Dataset, Neighbour, Observation, Recording, SLOTS, State, Window, WindowShape};

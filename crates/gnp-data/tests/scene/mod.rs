@@ -1,6 +1,7 @@
 //! Small recordings made from parts.
 
 #![allow(dead_code)] // each test file takes what it needs
+#![allow(clippy::unwrap_used)] // only tests call these
 
 use gnp_data::{
     Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowConfig,
