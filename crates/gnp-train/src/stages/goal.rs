@@ -56,7 +56,7 @@ impl GoalTraining {
 #[derive(Debug)]
 pub struct GoalStage<'a> {
     net: GoalNet,
-    weights: &'a Weights,
+    weights: Weights,
     features: &'a Features,
     /// Centres in the network's unit, and in m.
     centres: [Tensor; 2],
@@ -72,7 +72,7 @@ impl<'a> GoalStage<'a> {
     /// When the configuration is refused, or the modes do not have the features' frames.
     pub fn new(
         net: GoalNet,
-        weights: &'a Weights,
+        weights: &Weights,
         features: &'a Features,
         modes: &Modes,
         [train, validation]: [Windows<'a>; 2],
@@ -85,6 +85,7 @@ impl<'a> GoalStage<'a> {
         }
         let scaled = features.centres(modes, weights.device())?;
         let metres = (&scaled * features.config().length_scale)?;
+        let weights = weights.clone();
         Ok(Self { net, weights, features, centres: [scaled, metres], train, validation, config })
     }
 

@@ -56,7 +56,7 @@ pub struct PathStage<'a> {
     name: &'static str,
     phase: Phase,
     force: SocialForce,
-    weights: &'a Weights,
+    weights: Weights,
     features: &'a Features,
     train: Windows<'a>,
     validation: Windows<'a>,
@@ -71,13 +71,14 @@ impl<'a> PathStage<'a> {
     /// When the configuration is refused.
     pub fn attraction(
         force: SocialForce,
-        weights: &'a Weights,
+        weights: &Weights,
         features: &'a Features,
         [train, validation]: [Windows<'a>; 2],
         config: &'a PathTraining,
     ) -> Result<Self, TrainError> {
         config.check()?;
         let (name, phase, informed) = ("attraction", Phase::Attraction, false);
+        let weights = weights.clone();
         Ok(Self { name, phase, force, weights, features, train, validation, informed, config })
     }
 
@@ -90,7 +91,7 @@ impl<'a> PathStage<'a> {
     /// When the configuration is refused.
     pub fn repulsion(
         force: SocialForce,
-        weights: &'a Weights,
+        weights: &Weights,
         features: &'a Features,
         [train, validation]: [Windows<'a>; 2],
         neighbours: NeighbourFuture,
@@ -98,6 +99,7 @@ impl<'a> PathStage<'a> {
     ) -> Result<Self, TrainError> {
         config.check()?;
         let (name, phase, informed) = ("repulsion", Phase::Repulsion, neighbours == NeighbourFuture::Oracle);
+        let weights = weights.clone();
         Ok(Self { name, phase, force, weights, features, train, validation, informed, config })
     }
 

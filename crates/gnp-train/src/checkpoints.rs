@@ -1,0 +1,110 @@
+//! Best and last checkpoint of a stage in a run folder.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use candle_core::Tensor;
+use gnp_model::{Checkpoint, Header, ModelError};
+use gnp_nn::Weights;
+
+use crate::error::TrainError;
+use crate::state::{Kind, Progress, Sink, State};
+
+/// Keeps a stage's checkpoints as `PART.safetensors` (best: what is predicted with) and
+/// `PART.last.safetensors` (last: what training goes on from) in a folder.
+///
+/// Both hold the whole network, frozen weights included; the last one also the moments of Adam and
+/// the place in the training.
+#[derive(Debug)]
+pub struct Checkpoints {
+    folder: PathBuf,
+    header: Header,
+    weights: Weights,
+}
+
+impl Checkpoints {
+    /// Checkpoints in `folder` of the network on `weights`. Epoch, scores and trainer of `header`
+    /// are filled in with each file.
+    #[must_use]
+    pub fn new(folder: &Path, header: Header, weights: &Weights) -> Self {
+        Self { folder: folder.to_owned(), header, weights: weights.clone() }
+    }
+
+    /// Where the checkpoint of a kind is, once it is.
+    #[must_use]
+    pub fn path(&self, kind: Kind) -> PathBuf {
+        let part = self.header.part.name();
+        self.folder.join(match kind {
+            Kind::Best => format!("{part}.safetensors"),
+            Kind::Last => format!("{part}.last.safetensors"),
+        })
+    }
+
+    /// The state to resume from; `None` when there is no last checkpoint yet.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`] when the file is damaged; [`TrainError::Resume`] when it was trained
+    /// on other windows, features or sizes.
+    pub fn last(&self) -> Result<Option<State>, TrainError> {
+        let path = self.path(Kind::Last);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let checkpoint = Checkpoint::load(&path)?;
+        checkpoint.expect(&path, self.header.part, Some(self.header.shape))?;
+        let (now, then) = (&self.header, &checkpoint.header);
+        let pairs = [
+            ("the split", now.split_hash == then.split_hash),
+            ("the features", now.features == then.features),
+            ("the goal network", now.goal == then.goal),
+            ("the social force", now.traj == then.traj),
+            ("the seed", now.seed == then.seed),
+        ];
+        let stage = self.header.part.name();
+        if let Some((what, _)) = pairs.iter().find(|(_, same)| !same) {
+            return Err(TrainError::Resume { stage, difference: format!("{what} is not that of {}", path.display()) });
+        }
+        let damaged = |problem: String| ModelError::Checkpoint { path: path.clone(), problem };
+        let text = then.trainer.as_deref().ok_or_else(|| damaged("does not say where training stood".to_owned()))?;
+        let progress: Progress =
+            serde_json::from_str(text).map_err(|e| damaged(format!("does not say where training stood: {e}")))?;
+        Ok(Some(State::from_tensors(&checkpoint.tensors, progress)))
+    }
+
+    /// Puts the weights of the best epoch into the network.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`] when there is no such file, or it is damaged.
+    pub fn restore_best(&self) -> Result<(), TrainError> {
+        let path = self.path(Kind::Best);
+        let checkpoint = Checkpoint::load(&path)?;
+        checkpoint.expect(&path, self.header.part, Some(self.header.shape))?;
+        self.weights.set(checkpoint.tensors.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
+        Ok(())
+    }
+}
+
+impl Sink for Checkpoints {
+    fn save(&mut self, kind: Kind, state: &State) -> Result<(), Box<dyn Error + Send + Sync>> {
+        let mut tensors: BTreeMap<String, Tensor> =
+            self.weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().clone())).collect();
+        tensors.extend(match kind {
+            Kind::Best => state.weights.clone(),
+            Kind::Last => state.tensors(),
+        });
+        let progress = &state.progress;
+        let scores = progress.history.last().map(|record| record.validation.as_slice()).unwrap_or_default();
+        let trainer = match kind {
+            Kind::Best => None,
+            Kind::Last => Some(serde_json::to_string(progress)?),
+        };
+        let header = Header {
+            epoch: progress.epoch,
+            scores: scores.iter().map(|score| (score.name.clone(), f64::from(score.value))).collect(),
+            trainer,
+            ..self.header.clone()
+        };
+        Ok(Checkpoint::save(&self.path(kind), &header, &tensors)?)
+    }
+}

@@ -1,0 +1,375 @@
+//! The three stages on small roads: the same seed gives the same bits, also over a stop and a resume
+//! from files, and every trained weight is reached by its loss.
+
+// clippy.toml allows these inside test functions alone; the scene stands outside.
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use candle_core::{Device, Tensor};
+use gnp_data::{
+    Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowConfig,
+    WindowSet,
+};
+use gnp_goal::{GoalConfig, GoalNet, LabelConfig, LabelDistance, ProbabilityHead, Regression};
+use gnp_model::{FeatureConfig, Features, Header, NeighbourFuture, Part, Representation};
+use gnp_modes::{ModeParams, Modes};
+use gnp_nn::Weights;
+use gnp_train::{
+    BatchReport, Checkpoints, End, GoalStage, GoalTraining, History, Kind, Observer, PathStage, PathTraining, Schedule,
+    Stage, TrainConfig, TrainError, Trainer, Windows,
+};
+use gnp_traj::{InputScale, Integrator, SocialForce, TrajConfig};
+
+const SEED: u64 = 11;
+
+/// Nine vehicles in three lanes; every third one moves half a lane to its left.
+fn recording() -> Recording {
+    let (vehicles, rows, rate_hz) = (9u32, 40usize, 10f32);
+    let lane = |v: u32| v % 3;
+    let mut columns = Columns::default();
+    let mut tracks = Vec::new();
+    for v in 0..vehicles {
+        let speed = 12. + 0.7 * v as f32;
+        for i in 0..rows {
+            let t = i as f32 / rate_hz;
+            let phase = 2. * t + v as f32;
+            columns.x.push(30. * (v / 3) as f32 + speed * t + phase.sin());
+            columns.y.push(3.5 * lane(v) as f32 + if v < 3 { 0.4 * t } else { 0. });
+            columns.vx.push(speed + 2. * phase.cos());
+            columns.vy.push(if v < 3 { 0.4 } else { 0. });
+            columns.lane.push(lane(v) as i16 + 1);
+            let mut slots = [u32::MAX; SLOTS];
+            if v + 3 < vehicles {
+                slots[0] = v + 3;
+            }
+            if v >= 3 {
+                slots[1] = v - 3;
+            }
+            columns.neighbours.push(slots);
+        }
+        let start = columns.x.len() - rows;
+        let (class, length, width) = (VehicleClass::Car, 4.5, 1.8);
+        let rows = start..start + rows;
+        tracks.push(Track { vehicle: v + 1, segment: 0, road: 0, class, length, width, first_frame: 5, rows });
+    }
+    let line = |kind, y| LaneLine { kind, y };
+    let lines = vec![
+        line(LineKind::Boundary, -1.75),
+        line(LineKind::Centre, 1.75),
+        line(LineKind::Centre, 5.25),
+        line(LineKind::Boundary, 8.75),
+    ];
+    let meta = RecordingMeta {
+        dataset: Dataset::Ngsim,
+        site: "us-101".into(),
+        name: "small".into(),
+        rate_hz: rate_hz.into(),
+        simulated: true,
+    };
+    Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
+}
+
+fn windows() -> WindowConfig {
+    WindowConfig { observed_s: 0.6, predicted_s: 0.5, rate_hz: 10., stride_s: 0.4 }
+}
+
+fn goal_config() -> GoalConfig {
+    GoalConfig {
+        width: 8,
+        heads: 2,
+        layers: 1,
+        feed_forward: 2,
+        dropout: 0.1,
+        probability: ProbabilityHead::Decoder,
+        regression: Regression::Residual,
+        nobody: true,
+        slot_code: true,
+    }
+}
+
+fn traj_config() -> TrajConfig {
+    TrajConfig {
+        hidden: 12,
+        embedding: 6,
+        code: 5,
+        encoder: vec![7],
+        decoder: vec![9, 8],
+        k_max: 10.,
+        k_max_line: 1.,
+        k_bias: -3.,
+        r_col: 10.,
+        lines: true,
+        input_scale: InputScale { position: 0.02, velocity: 0.05 },
+        integrator: Integrator::SemiImplicit,
+        network_period: 1,
+    }
+}
+
+fn train_config() -> TrainConfig {
+    TrainConfig {
+        epochs: 2,
+        batch: 16,
+        epoch_windows: 50,
+        learning_rate: 1e-3,
+        schedule: Schedule::Constant {},
+        weight_decay: 0.,
+        clip_norm: 1.,
+        patience: 0,
+        seed: SEED,
+    }
+}
+
+/// Stops after a number of steps; never for 0.
+struct StopAfter<'a>(u64, &'a AtomicBool);
+
+impl Observer for StopAfter<'_> {
+    fn on_batch(&mut self, report: &BatchReport) -> Result<(), TrainError> {
+        assert!(report.gradient_norm > 0.);
+        self.1.store(report.steps == self.0, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
+/// Trains to the end, by way of a stop after `stop_after` steps and a resume from files.
+fn train<S: Stage>(build: &dyn Fn(&Weights) -> S, header: &Header, start: &Weights, stop_after: u64) -> Weights {
+    let folder = tempfile::tempdir().unwrap();
+    let config = train_config();
+    let mut stops = if stop_after == 0 { vec![0] } else { vec![stop_after, 0] };
+    loop {
+        let weights = Weights::seeded(SEED, &Device::Cpu);
+        let copies: Vec<(String, Tensor)> =
+            start.named().into_iter().map(|(name, var)| (name, var.as_tensor().copy().unwrap())).collect();
+        weights.set(copies.iter().map(|(name, tensor)| (name.as_str(), tensor))).unwrap();
+        let stage = build(&weights);
+        let mut sink = Checkpoints::new(folder.path(), header.clone(), &weights);
+        let last = sink.last().unwrap();
+        let stop = AtomicBool::new(false);
+        let observer = StopAfter(stops.remove(0), &stop);
+        let mut trainer = Trainer { config: &config, sink: &mut sink, observer, stop: &stop };
+        let outcome = match &last {
+            Some(state) => trainer.resume(&stage, state).unwrap(),
+            None => trainer.fit(&stage).unwrap(),
+        };
+        if stops.is_empty() {
+            assert_eq!(outcome.end, End::Finished);
+            let scores: Vec<f32> = outcome.progress.history.iter().map(|record| record.validation[0].value).collect();
+            assert!(scores[1] < scores[0], "{scores:?}");
+            check_files(folder.path(), &sink, &weights);
+            let history = History { stage: outcome.progress.stage, epochs: outcome.progress.history };
+            history.save(&folder.path().join("history.json")).unwrap();
+            drop(stage);
+            return weights;
+        }
+        assert_eq!(outcome.end, End::Interrupted);
+    }
+}
+
+/// The best epoch is the last one here, so its file has the weights of the network.
+fn check_files(folder: &Path, sink: &Checkpoints, weights: &Weights) {
+    let last = bits(weights);
+    sink.restore_best().unwrap();
+    assert_eq!(bits(weights), last);
+    assert!(sink.path(Kind::Best).starts_with(folder));
+}
+
+fn bits(weights: &Weights) -> Vec<(String, Vec<u32>)> {
+    let values = |tensor: &Tensor| tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    let bits = |(name, var): (String, candle_core::Var)| {
+        (name, values(var.as_tensor()).into_iter().map(f32::to_bits).collect())
+    };
+    weights.named().into_iter().map(bits).collect()
+}
+
+struct Data<'a> {
+    features: Features,
+    modes: Modes,
+    parts: [Windows<'a>; 2],
+    header: Header,
+}
+
+fn with_data(test: impl FnOnce(&Data<'_>)) {
+    let recordings = [recording()];
+    let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
+    let ids = set.ids();
+    let (train, validation) = ids.split_at(ids.len() - 7);
+    let features =
+        FeatureConfig { representation: Representation::Deviation, length_scale: 5., velocity_window_s: 0.3 };
+    let seen = || train.iter().filter_map(|id| set.get(*id));
+    let features = Features::fit(&features, set.shape(), seen().map(|window| window.observation())).unwrap();
+    let futures: Vec<f32> =
+        seen().flat_map(|window| features.future(&gnp_model::Seen::recorded(window.observation()), &window)).collect();
+    let params = ModeParams { modes: 6, seed: SEED, max_iterations: 30, restarts: 1 };
+    let modes = gnp_modes::fit(&futures, set.shape().predicted, features.mode_frame(), &params).unwrap();
+    let header = Header {
+        part: Part::Goal,
+        dataset: Dataset::Ngsim,
+        simulated: true,
+        shape: set.shape(),
+        features: features.clone(),
+        goal: Some(goal_config()),
+        traj: None,
+        seed: SEED,
+        code_version: "test".into(),
+        split_hash: "test".into(),
+        epoch: 0,
+        scores: Default::default(),
+        trainer: None,
+    };
+    let parts = [Windows::new(&set, train), Windows::new(&set, validation)];
+    test(&Data { features, modes, parts, header });
+}
+
+fn goal_training() -> GoalTraining {
+    let labels = LabelConfig { distance: LabelDistance::MeanDisplacement, temperature: 0.5 };
+    GoalTraining { alpha: 0.2, labels, mirror: 0.5 }
+}
+
+fn path_training() -> PathTraining {
+    PathTraining { goal_noise_m: [0.05, 0.02], mirror: 0.5 }
+}
+
+/// No weight is out of the loss's reach.
+fn check_reach(stage: &dyn Stage) {
+    let gradients = stage.loss(&[0, 3, 8], 4).unwrap().backward().unwrap();
+    let norm = |tensor: &Tensor| tensor.sqr().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap();
+    let silent: Vec<String> = stage
+        .trainable()
+        .into_iter()
+        .filter(|(_, var)| gradients.get(var).is_none_or(|gradient| norm(gradient) == 0.))
+        .map(|(name, _)| name)
+        .collect();
+    // What is added to every key alike, or to every logit, leaves a softmax as it is.
+    let flat = |name: &str| name.ends_with("attn.k.bias") || name == "prob.bias";
+    let silent: Vec<&String> = silent.iter().filter(|name| !flat(name)).collect();
+    assert!(silent.is_empty(), "{}: {silent:?}", stage.name());
+}
+
+#[test]
+fn goals_repeat_bit_for_bit_and_over_a_resume() {
+    with_data(|data| {
+        let training = goal_training();
+        let build = |weights: &Weights| {
+            let net = GoalNet::new(&goal_config(), data.features.goal_shape(), weights.builder()).unwrap();
+            let stage = GoalStage::new(net, weights, &data.features, &data.modes, data.parts, &training).unwrap();
+            check_reach(&stage);
+            stage
+        };
+        let none = Weights::seeded(SEED, &Device::Cpu);
+        let whole = train(&build, &data.header, &none, 0);
+        assert_eq!(bits(&train(&build, &data.header, &none, 0)), bits(&whole));
+        assert_eq!(bits(&train(&build, &data.header, &none, 3)), bits(&whole));
+    });
+}
+
+#[test]
+fn paths_repeat_bit_for_bit_and_over_a_resume() {
+    with_data(|data| {
+        let training = path_training();
+        let header = |part| Header { part, goal: None, traj: Some(traj_config()), ..data.header.clone() };
+        let force = |weights: &Weights| SocialForce::new(&traj_config(), weights.builder()).unwrap();
+        let attraction = |weights: &Weights| {
+            let stage = PathStage::attraction(force(weights), weights, &data.features, data.parts, &training).unwrap();
+            check_reach(&stage);
+            stage
+        };
+        let none = Weights::seeded(SEED, &Device::Cpu);
+        let whole = train(&attraction, &header(Part::Attraction), &none, 0);
+        assert_eq!(bits(&train(&attraction, &header(Part::Attraction), &none, 5)), bits(&whole));
+
+        for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Oracle] {
+            let repulsion = |weights: &Weights| {
+                let parts = data.parts;
+                let stage = PathStage::repulsion(force(weights), weights, &data.features, parts, neighbours, &training);
+                let stage = stage.unwrap();
+                check_reach(&stage);
+                stage
+            };
+            let pushed = train(&repulsion, &header(Part::Repulsion), &whole, 0);
+            assert_eq!(bits(&train(&repulsion, &header(Part::Repulsion), &whole, 2)), bits(&pushed));
+            // The attraction is frozen, and its weights are in the repulsion's file.
+            let moved = |part: &str| {
+                let pairs = bits(&whole).into_iter().zip(bits(&pushed));
+                pairs.filter(|((name, _), _)| name.starts_with(part)).all(|((_, a), (_, b))| a != b)
+            };
+            for part in ["emb1.", "cell1.", "out1.", "enc_goal.", "tau."] {
+                let still = bits(&whole).into_iter().zip(bits(&pushed)).filter(|((name, _), _)| name.starts_with(part));
+                assert!(still.into_iter().all(|(a, b)| a == b), "{part}");
+            }
+            for part in ["emb2.", "cell2.", "out2.", "enc_nei.", "enc_line.", "k.", "k_line."] {
+                assert!(moved(part), "{part}");
+            }
+        }
+    });
+}
+
+#[test]
+fn noise_and_mirror_follow_the_step_and_are_off_in_validation() {
+    with_data(|data| {
+        let loss = |training: &PathTraining, seed| {
+            let weights = Weights::seeded(SEED, &Device::Cpu);
+            let force = SocialForce::new(&traj_config(), weights.builder()).unwrap();
+            let stage = PathStage::attraction(force, &weights, &data.features, data.parts, training).unwrap();
+            let scores = stage.validate(&[0, 2, 5]).unwrap().means();
+            (stage.loss(&[1, 4, 7], seed).unwrap().to_scalar::<f32>().unwrap(), scores)
+        };
+        let published = PathTraining { goal_noise_m: [0., 0.], mirror: 0. };
+        let (plain, scores) = loss(&published, 1);
+        assert_eq!(loss(&published, 2).0, plain);
+        for training in
+            [PathTraining { goal_noise_m: [3., 1.], mirror: 0. }, PathTraining { goal_noise_m: [0., 0.], mirror: 1. }]
+        {
+            let (changed, same_scores) = loss(&training, 1);
+            assert_ne!(changed, plain);
+            assert_eq!(same_scores, scores);
+            assert_eq!(loss(&training, 1).0, changed);
+        }
+        assert_ne!(loss(&PathTraining { goal_noise_m: [3., 1.], mirror: 0. }, 2).0, plain);
+    });
+}
+
+#[test]
+fn scores_are_those_of_single_windows() {
+    with_data(|data| {
+        let weights = Weights::seeded(SEED, &Device::Cpu);
+        let net = GoalNet::new(&goal_config(), data.features.goal_shape(), weights.builder()).unwrap();
+        let training = goal_training();
+        let stage = GoalStage::new(net, &weights, &data.features, &data.modes, data.parts, &training).unwrap();
+        let together = stage.validate(&[0, 1, 2]).unwrap().means();
+        let mut one_by_one = gnp_train::Sums::default();
+        for i in 0..3 {
+            assert!(one_by_one.add(&stage.validate(&[i]).unwrap()));
+        }
+        let names = ["loss", "regression", "classification", "fde", "min_fde_6"];
+        for (((name, a), (_, b)), expected) in together.iter().zip(one_by_one.means()).zip(names) {
+            assert_eq!(*name, expected);
+            assert!((a - b).abs() < 1e-4 * (1. + a.abs()), "{name}: {a} and {b}");
+        }
+        assert!(together[4].1 <= together[3].1);
+    });
+}
+
+#[test]
+fn a_last_checkpoint_of_other_windows_is_refused() {
+    with_data(|data| {
+        let training = goal_training();
+        let weights = Weights::seeded(SEED, &Device::Cpu);
+        let net = GoalNet::new(&goal_config(), data.features.goal_shape(), weights.builder()).unwrap();
+        let stage = GoalStage::new(net, &weights, &data.features, &data.modes, data.parts, &training).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let config = TrainConfig { epochs: 1, ..train_config() };
+        let sink = || Checkpoints::new(folder.path(), data.header.clone(), &weights);
+        let stop = AtomicBool::new(false);
+        Trainer { config: &config, sink: sink(), observer: (), stop: &stop }.fit(&stage).unwrap();
+        assert_eq!(sink().last().unwrap().unwrap().progress.epoch, 1);
+
+        let other = Header { split_hash: "other".into(), ..data.header.clone() };
+        let message = Checkpoints::new(folder.path(), other, &weights).last().unwrap_err().to_string();
+        assert!(message.contains("the split is not that of"), "{message}");
+        let path = sink().path(Kind::Last);
+        std::fs::write(&path, b"cut off").unwrap();
+        let message = sink().last().unwrap_err().to_string();
+        assert!(message.contains("goal.last.safetensors"), "{message}");
+    });
+}
