@@ -1,17 +1,64 @@
-//! Social-force physics for vehicles: potentials, forces, integrators.
+//! Social-force physics for vehicles on a motorway: potentials, analytic forces, their vector-Jacobian products,
+//! integrators, and a simulator of many vehicles.
+//!
+//! A vehicle is drawn by its goal and pushed by its neighbours and by the lines on the road. The laws are those of GNP
+//! (goal-based neural physics), in which networks set their parameters; here nothing is learned and nothing but nalgebra
+//! is needed, so that a traffic simulation or a planner can use the physics alone.
+//!
+//! **Units and frame.** SI: m, s, m/s. Mass is 1, so that a force is an acceleration in m/s². One right-handed frame that
+//! follows the road: x forward, y to the left. Positions are those of the vehicle's centre. Everything works in `f32` and
+//! in `f64`.
+//!
+//! **Finite everywhere.** At the goal, with no time left, on a line, beyond a line and where two vehicles coincide, every
+//! law has a stated, finite value; each module says which.
+//!
+//! One vehicle among given neighbours, step by step:
+//!
+//! ```
+//! use gnp_force::{Attraction, ForceField, Neighbour, State, nalgebra::Point2, semi_implicit_euler};
+//!
+//! let (dt, steps) = (0.04, 125);
+//! let mut state = State::new(0.0, 0.0, 30.0, 0.0);
+//! for step in 0..steps {
+//!     let time = dt * f64::from(step);
+//!     let field = ForceField {
+//!         goal: Some(Attraction { goal: Point2::new(150.0, 3.75), time_left: 5.0 - time, tau: 0.5 }),
+//!         neighbours: &[Neighbour { position: Point2::new(40.0 + 25.0 * time, 0.0), k: 1.0, r_col: 26.0 }],
+//!         lines: &[],
+//!     };
+//!     state = semi_implicit_euler(&state, field.total(&state), dt);
+//! }
+//! assert!((state.position - Point2::new(150.0, 3.75)).norm() < 2.0);
+//! ```
+//!
+//! Many vehicles at once: [`Simulator`]. Whole programs: `examples/car_following.rs`, `cut_in.rs`,
+//! `lane_change_past_truck.rs`, `motorway_section.rs`.
+//!
+//! The `serde` feature makes states, parameters, roads and vehicles readable and writable.
+mod boxes;
+mod error;
 mod field;
 mod goal;
 mod integrator;
 mod line;
-mod scalar; // in reading order
+mod road;
+mod scalar;
+mod simulator;
 mod state;
 mod vehicle;
 
 pub use crate::{
+    boxes::{BoxForceVjp, Extent, Separation, box_force, box_force_vjp, box_potential, separation},
+    error::ForceError,
     field::{Attraction, FieldVjp, ForceField, Forces, Line, Neighbour},
     goal::{GoalForceVjp, MIN_TIME, goal_dissipation, goal_force, goal_force_vjp, goal_potential},
     integrator::{Integrator, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler},
     line::{BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineKind, Side, line_force, line_force_vjp, line_potential},
+    road::Road,
+    simulator::{
+        Arrival, CruiseParams, Drive, Explanation, MotorwayRule, NeighbourSearch, Repulsion, Simulator,
+        SimulatorParams, Surroundings, Vehicle, VehicleId,
+    },
     state::State,
     vehicle::{SOFTENING, VehicleForceVjp, vehicle_force, vehicle_force_vjp, vehicle_potential},
 };

@@ -1,0 +1,57 @@
+//! What can be wrong with what a simulator is given.
+use crate::simulator::VehicleId;
+use nalgebra::RealField;
+use std::fmt;
+
+/// Why parameters, a road or a vehicle were refused.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum ForceError {
+    /// A number outside what the physics allows.
+    Value {
+        /// The field, as in the structure: `cruise.preview`.
+        key: &'static str,
+        /// What it was.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// No vehicle of that number is in the scene: it arrived, was removed, or never was.
+    UnknownVehicle {
+        /// The number asked for.
+        id: VehicleId,
+    },
+}
+
+impl fmt::Display for ForceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Value { key, value, must } => write!(f, "`{key}` is {value}, but must be {must}"),
+            Self::UnknownVehicle { id } => {
+                write!(f, "no vehicle {id} in the scene: take numbers from `Simulator::add` or `Simulator::vehicles`")
+            }
+        }
+    }
+}
+
+impl std::error::Error for ForceError {}
+
+/// Refuses `value` under the name `key` unless `good`.
+pub(crate) fn require<T: RealField + Copy>(
+    good: bool,
+    key: &'static str,
+    value: T,
+    must: &'static str,
+) -> Result<(), ForceError> {
+    if good { Ok(()) } else { Err(ForceError::Value { key, value: value.to_subset_unchecked(), must }) }
+}
+
+/// Refuses what is not a finite number above 0.
+pub(crate) fn require_positive<T: RealField + Copy>(key: &'static str, value: T) -> Result<(), ForceError> {
+    require(value > T::zero() && value.is_finite(), key, value, "above 0 and finite")
+}
+
+/// Refuses what is not a finite number of at least 0.
+pub(crate) fn require_not_negative<T: RealField + Copy>(key: &'static str, value: T) -> Result<(), ForceError> {
+    require(value >= T::zero() && value.is_finite(), key, value, "0 or more and finite")
+}

@@ -1,0 +1,370 @@
+//! Many vehicles rolled out together.
+mod drive;
+mod order;
+mod params;
+mod repulsion;
+
+pub use self::{
+    drive::{Drive, Vehicle},
+    params::{CruiseParams, NeighbourSearch, SimulatorParams},
+    repulsion::{MotorwayRule, Repulsion},
+};
+use self::{order::LaneOrder, repulsion::Body};
+use crate::{
+    error::{ForceError, require},
+    field::Forces,
+    goal::goal_force,
+    integrator::Workspace,
+    road::Road,
+    scalar::lit,
+    state::State,
+};
+use nalgebra::{RealField, Vector2};
+use std::{borrow::Cow, fmt};
+
+/// Number of a vehicle in a [`Simulator`]: counts up from 0 and is never given twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct VehicleId(pub u64);
+
+impl fmt::Display for VehicleId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// A vehicle that left the scene because its time was up; see [`Drive::Goal`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival<T: RealField> {
+    /// Its number.
+    pub id: VehicleId,
+    /// How it arrived.
+    pub vehicle: Vehicle<T>,
+}
+
+/// Nearest vehicles ahead of and behind a vehicle, by centre, in its lane and the two beside it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Surroundings {
+    /// In the own lane, ahead.
+    pub ahead: Option<VehicleId>,
+    /// In the own lane, behind.
+    pub behind: Option<VehicleId>,
+    /// In the lane to the left, ahead.
+    pub left_ahead: Option<VehicleId>,
+    /// In the lane to the left, behind.
+    pub left_behind: Option<VehicleId>,
+    /// In the lane to the right, ahead.
+    pub right_ahead: Option<VehicleId>,
+    /// In the lane to the right, behind.
+    pub right_behind: Option<VehicleId>,
+}
+
+/// Forces on one vehicle with the names of those who push.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Explanation<T: RealField> {
+    /// The forces, in m/s²; lines in the order of [`Road::lines`].
+    pub forces: Forces<T>,
+    /// The neighbours, in the order of `forces.neighbours`.
+    pub pushed_by: Vec<VehicleId>,
+}
+
+/// A road and the vehicles on it, all moved together, each pushed by its neighbours where they are now.
+///
+/// A step takes time in proportion to the number of vehicles. It uses no random numbers and one thread: the same scene
+/// gives the same bits. A scene can be cloned at any time and continued twice.
+///
+/// ```
+/// use gnp_force::{Drive, Road, Simulator, SimulatorParams, State, Vehicle};
+/// let road = Road::motorway(2, 3.75)?;
+/// let y = 1.875; // middle of the right lane
+/// let mut scene = Simulator::new(SimulatorParams::motorway(0.04_f64), road)?;
+/// let truck = scene.add(Vehicle::truck(State::new(80.0, y, 22.0, 0.0), Drive::Cruise { speed: 22.0, y }))?;
+/// let car = scene.add(Vehicle::car(State::new(0.0, y, 33.0, 0.0), Drive::Cruise { speed: 33.0, y }))?;
+/// for _ in 0..1500 {
+///     scene.step();
+/// }
+/// let speed = |id| scene.vehicle(id).map(|vehicle| vehicle.state.velocity.x);
+/// assert!((speed(car).unwrap() - speed(truck).unwrap()).abs() < 0.1); // caught up, and follows
+/// assert_eq!(scene.surroundings(car)?.ahead, Some(truck));
+/// # Ok::<(), gnp_force::ForceError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Simulator<T: RealField> {
+    params: SimulatorParams<T>,
+    road: Road<T>,
+    ids: Vec<VehicleId>,
+    vehicles: Vec<Vehicle<T>>,
+    next_id: u64,
+    steps: u64,
+    /// Fastest and slowest to respond of all vehicles there ever were, for the bound on the speed.
+    fastest: T,
+    slowest_tau: T,
+    order: LaneOrder,
+    states: Vec<State<T>>,
+    workspace: Workspace<T>,
+    arrivals: Vec<Arrival<T>>,
+}
+
+impl<T: RealField + Copy> Simulator<T> {
+    /// An empty road at time 0.
+    ///
+    /// # Errors
+    /// When [`SimulatorParams::check`] refuses a parameter.
+    pub fn new(params: SimulatorParams<T>, road: Road<T>) -> Result<Self, ForceError> {
+        params.check()?;
+        Ok(Self {
+            params,
+            road,
+            ids: Vec::new(),
+            vehicles: Vec::new(),
+            next_id: 0,
+            steps: 0,
+            fastest: T::zero(),
+            slowest_tau: T::zero(),
+            order: LaneOrder::default(),
+            states: Vec::new(),
+            workspace: Workspace::new(),
+            arrivals: Vec::new(),
+        })
+    }
+
+    /// Puts a vehicle on the road and returns its number.
+    ///
+    /// # Errors
+    /// When a number of the vehicle is not finite, a size is negative, tau is below one step, the desired speed above
+    /// the highest, or a goal due already.
+    pub fn add(&mut self, vehicle: Vehicle<T>) -> Result<VehicleId, ForceError> {
+        vehicle.check(&self.params, self.time())?;
+        let id = VehicleId(self.next_id);
+        self.next_id += 1;
+        self.fastest = self.fastest.max(vehicle.state.velocity.norm());
+        self.slowest_tau = self.slowest_tau.max(vehicle.tau);
+        self.ids.push(id);
+        self.vehicles.push(vehicle);
+        self.order.reset();
+        Ok(id)
+    }
+
+    /// Takes a vehicle off the road.
+    ///
+    /// # Errors
+    /// When there is none of that number.
+    pub fn remove(&mut self, id: VehicleId) -> Result<Vehicle<T>, ForceError> {
+        let index = self.index(id)?;
+        self.ids.remove(index);
+        self.order.reset();
+        Ok(self.vehicles.remove(index))
+    }
+
+    /// Keeps the vehicles for which `keep` holds and takes the others off the road, such as those past its end.
+    pub fn retain(&mut self, mut keep: impl FnMut(VehicleId, &Vehicle<T>) -> bool) {
+        let stays: Vec<bool> = self.vehicles().map(|(id, vehicle)| keep(id, vehicle)).collect();
+        let (mut id_stays, mut vehicle_stays) = (stays.iter(), stays.iter());
+        self.ids.retain(|_| id_stays.next().copied().unwrap_or(true));
+        self.vehicles.retain(|_| vehicle_stays.next().copied().unwrap_or(true));
+        self.order.reset();
+    }
+
+    /// Gives a vehicle another wish: a new lane, speed or goal.
+    ///
+    /// # Errors
+    /// When there is none of that number, or the wish is refused as by [`Simulator::add`].
+    pub fn set_drive(&mut self, id: VehicleId, drive: Drive<T>) -> Result<(), ForceError> {
+        drive.check(&self.params, self.time())?;
+        let index = self.index(id)?;
+        self.vehicles[index].drive = drive;
+        Ok(())
+    }
+
+    /// Puts a vehicle elsewhere, such as one whose motion is recorded.
+    ///
+    /// # Errors
+    /// When there is none of that number, or the state is not finite.
+    pub fn set_state(&mut self, id: VehicleId, state: State<T>) -> Result<(), ForceError> {
+        require(state.is_finite(), "state", state.velocity.norm(), "finite in all four numbers")?;
+        let index = self.index(id)?;
+        self.vehicles[index].state = state;
+        self.fastest = self.fastest.max(state.velocity.norm());
+        self.order.reset();
+        Ok(())
+    }
+
+    /// Moves all vehicles by one step and returns those that arrived with it; they are no longer in the scene.
+    pub fn step(&mut self) -> &[Arrival<T>] {
+        if !self.order.is_current() {
+            self.order.rebuild(&self.vehicles, &self.road);
+        }
+        let mut states = std::mem::take(&mut self.states);
+        let mut workspace = std::mem::take(&mut self.workspace);
+        states.clear();
+        states.extend(self.vehicles.iter().map(|vehicle| vehicle.state));
+        let time = self.time();
+        self.params.integrator.step_all(&mut states, self.params.dt, &mut workspace, |states, elapsed, out| {
+            for (vehicle, acceleration) in out.iter_mut().enumerate() {
+                *acceleration = self.acceleration(vehicle, states, time + elapsed);
+            }
+        });
+        for (vehicle, state) in self.vehicles.iter_mut().zip(&states) {
+            vehicle.advance(*state);
+        }
+        self.states = states;
+        self.workspace = workspace;
+        self.steps += 1;
+        self.take_arrivals();
+        self.order.rebuild(&self.vehicles, &self.road);
+        &self.arrivals
+    }
+
+    /// Time since the simulator was made, in s: a whole number of steps.
+    #[must_use]
+    pub fn time(&self) -> T {
+        self.params.dt * lit(self.steps as f64)
+    }
+
+    /// The parameters it was made with.
+    #[must_use]
+    pub fn params(&self) -> &SimulatorParams<T> {
+        &self.params
+    }
+
+    /// The road it was made with.
+    #[must_use]
+    pub fn road(&self) -> &Road<T> {
+        &self.road
+    }
+
+    /// The vehicles on the road, in the order in which they were added.
+    pub fn vehicles(&self) -> impl ExactSizeIterator<Item = (VehicleId, &Vehicle<T>)> {
+        self.ids.iter().copied().zip(&self.vehicles)
+    }
+
+    /// The vehicle of that number, if it is on the road.
+    #[must_use]
+    pub fn vehicle(&self, id: VehicleId) -> Option<&Vehicle<T>> {
+        self.index(id).ok().map(|index| &self.vehicles[index])
+    }
+
+    /// Who is around a vehicle now, at any distance.
+    ///
+    /// # Errors
+    /// When there is none of that number.
+    pub fn surroundings(&self, id: VehicleId) -> Result<Surroundings, ForceError> {
+        let index = self.index(id)?;
+        let order = self.current_order();
+        let name = |found: Option<usize>| found.map(|other| self.ids[other]);
+        Ok(Surroundings {
+            ahead: name(order.ahead(index, 0).next()),
+            behind: name(order.behind(index, 0).next()),
+            left_ahead: name(order.ahead(index, 1).next()),
+            left_behind: name(order.behind(index, 1).next()),
+            right_ahead: name(order.ahead(index, -1).next()),
+            right_behind: name(order.behind(index, -1).next()),
+        })
+    }
+
+    /// The forces on a vehicle now, apart by source and with names: what the next step starts from.
+    ///
+    /// The neighbours' pushes are those that act, that is, shortened together where
+    /// [`grip`](SimulatorParams::grip) limits them. A [`Drive::Steady`] vehicle feels none.
+    ///
+    /// # Errors
+    /// When there is none of that number.
+    pub fn explain(&self, id: VehicleId) -> Result<Explanation<T>, ForceError> {
+        let index = self.index(id)?;
+        let me = &self.vehicles[index];
+        let Some(goal) = self.pull(index, &me.state, self.time()) else {
+            let none = Forces { goal: Vector2::zeros(), neighbours: Vec::new(), lines: Vec::new() };
+            return Ok(Explanation { forces: none, pushed_by: Vec::new() });
+        };
+        let mut pushed_by = Vec::new();
+        let mut neighbours = Vec::new();
+        self.for_each_neighbour(&self.current_order(), index, |other| {
+            pushed_by.push(self.ids[other]);
+            neighbours.push(self.params.repulsion.push(me.body(), self.vehicles[other].body(), &self.params));
+        });
+        let sum = neighbours.iter().fold(Vector2::zeros(), |sum, push| sum + push);
+        let share = self.share(sum);
+        neighbours.iter_mut().for_each(|push| *push *= share);
+        let lines = self.road.lines().iter().map(|line| line.push(&me.state)).collect();
+        Ok(Explanation { forces: Forces { goal, neighbours, lines }, pushed_by })
+    }
+
+    /// A speed in m/s that no vehicle exceeds, under either Euler step, whatever the scene.
+    ///
+    /// With `dt <= tau` the new velocity is an average of the old one and of `wish + tau push`. The wish is at most
+    /// `max_speed` (across the road, for a cruising vehicle, `lateral_speed`), the push at most that of all lines and
+    /// `grip` for the neighbours, so neither part of a velocity outgrows
+    /// `max(fastest start, wish + tau (grip + lines))`.
+    #[must_use]
+    pub fn speed_bound(&self) -> T {
+        let pushed = self.slowest_tau * (self.params.grip + self.road.strongest_push());
+        let along = self.fastest.max(self.params.max_speed + pushed);
+        let across = self.fastest.max(self.params.cruise.lateral_speed + pushed);
+        (along * along + across * across).sqrt()
+    }
+
+    /// Acceleration of a vehicle among `states`, in m/s².
+    fn acceleration(&self, index: usize, states: &[State<T>], time: T) -> Vector2<T> {
+        let state = &states[index];
+        let Some(goal) = self.pull(index, state, time) else { return Vector2::zeros() };
+        let me = Body { state: *state, extent: self.vehicles[index].extent };
+        let mut sum = Vector2::zeros();
+        self.for_each_neighbour(&self.order, index, |other| {
+            let other = Body { state: states[other], extent: self.vehicles[other].extent };
+            sum += self.params.repulsion.push(me, other, &self.params);
+        });
+        let lines = self.road.lines().iter().fold(Vector2::zeros(), |sum, line| sum + line.push(state));
+        goal + sum * self.share(sum) + lines
+    }
+
+    /// Pull of the vehicle's goal, or none if it is steady.
+    fn pull(&self, index: usize, state: &State<T>, time: T) -> Option<Vector2<T>> {
+        let vehicle = &self.vehicles[index];
+        let pull = vehicle.drive.attraction(state, vehicle.tau, time, &self.params)?;
+        Some(goal_force(state.position, state.velocity, pull.goal, pull.time_left, pull.tau))
+    }
+
+    /// The factor that shortens a sum of pushes to `grip`.
+    fn share(&self, sum: Vector2<T>) -> T {
+        let length = sum.norm();
+        if length > self.params.grip { self.params.grip / length } else { T::one() }
+    }
+
+    /// Calls `visit` for every vehicle that pushes, in an order that depends on their places alone.
+    fn for_each_neighbour(&self, order: &LaneOrder, index: usize, mut visit: impl FnMut(usize)) {
+        let x = self.vehicles[index].state.position.x;
+        let NeighbourSearch { per_lane, range } = self.params.search;
+        let near = |other: &usize| (self.vehicles[*other].state.position.x - x).abs() <= range;
+        for beside in [0, 1, -1] {
+            order.ahead(index, beside).take(per_lane).take_while(near).for_each(&mut visit);
+            order.behind(index, beside).take(per_lane).take_while(near).for_each(&mut visit);
+        }
+    }
+
+    /// The order of the vehicles as they stand, sorted anew if they were touched since the last step.
+    fn current_order(&self) -> Cow<'_, LaneOrder> {
+        if self.order.is_current() {
+            return Cow::Borrowed(&self.order);
+        }
+        let mut order = LaneOrder::default();
+        order.rebuild(&self.vehicles, &self.road);
+        Cow::Owned(order)
+    }
+
+    /// Takes vehicles whose time is up off the road.
+    fn take_arrivals(&mut self) {
+        self.arrivals.clear();
+        let latest = self.time() + self.params.dt * lit(0.5);
+        let arrived = |vehicle: &Vehicle<T>| matches!(vehicle.drive, Drive::Goal { due, .. } if due <= latest);
+        if !self.vehicles.iter().any(arrived) {
+            return;
+        }
+        let gone = self.ids.iter().zip(&self.vehicles).filter(|(_, vehicle)| arrived(vehicle));
+        self.arrivals.extend(gone.map(|(id, vehicle)| Arrival { id: *id, vehicle: *vehicle }));
+        self.retain(|_, vehicle| !arrived(vehicle));
+    }
+
+    fn index(&self, id: VehicleId) -> Result<usize, ForceError> {
+        self.ids.binary_search(&id).map_err(|_| ForceError::UnknownVehicle { id })
+    }
+}
