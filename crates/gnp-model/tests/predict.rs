@@ -1,0 +1,362 @@
+//! The whole predictor on a made-up road: what it may see, what it gives, how it is stored.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use candle_core::{Device, Tensor};
+use gnp_data::{
+    Columns, Dataset, LaneLine, LineKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot, Track,
+    VehicleClass, Window, WindowShape,
+};
+use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
+use gnp_model::{
+    Checkpoint, FeatureConfig, Features, Gnp, Header, ModelError, NeighbourFuture, Part, Representation, Seen,
+};
+use gnp_modes::{ModeParams, Modes};
+use gnp_nn::Weights;
+use gnp_traj::{InputScale, Integrator, SocialForce, TrajConfig};
+
+const SHAPE: WindowShape = WindowShape { observed: 6, predicted: 9, step: 1, rate_hz: 5. };
+/// Last observed row of every test window.
+const T0: usize = 7;
+const FRAMES: usize = 20;
+const NOBODY: u32 = u32::MAX;
+
+/// Three vehicles on two lanes: a target, its leader, and one on its left that appears two frames
+/// before the last observed one. `mirror` exchanges left and right; `scramble` rewrites the future.
+fn road(mirror: bool, scramble: bool) -> Recording {
+    let side = if mirror { -1. } else { 1. };
+    let starts = [0usize, 0, T0 - 2];
+    let (mut tracks, mut columns) = (Vec::new(), Columns::default());
+    for (v, first) in starts.into_iter().enumerate() {
+        let start = columns.x.len();
+        for f in first..FRAMES {
+            let t = f as f32 / 5.;
+            let gone = if scramble && f > T0 { 17. + 3. * (f * (v + 1)) as f32 } else { 0. };
+            let speed = 20. + v as f32 - 0.4 * t;
+            columns.x.push(30. * [0., 1., -0.4][v] + (20. + v as f32) * t - 0.2 * t * t + gone);
+            columns.y.push(side * ([0.2, -0.1, 3.6][v] + 0.15 * t + gone));
+            columns.vx.push(speed + if f >= T0 { gone } else { 0. });
+            columns.vy.push(side * 0.15);
+            columns.lane.push([1, 1, 2][v]);
+            let mut slots = [NOBODY; SLOTS];
+            let left = if mirror { Slot::RightAlongside } else { Slot::LeftAlongside };
+            let right = if mirror { Slot::LeftAlongside } else { Slot::RightAlongside };
+            match v {
+                0 => {
+                    slots[Slot::Preceding as usize] = 1;
+                    if f >= starts[2] {
+                        slots[left as usize] = 2;
+                    }
+                }
+                1 => slots[Slot::Following as usize] = 0,
+                _ => slots[right as usize] = 0,
+            }
+            columns.neighbours.push(slots);
+        }
+        tracks.push(Track {
+            vehicle: v as u32 + 1,
+            segment: 0,
+            road: 0,
+            class: VehicleClass::Car,
+            length: 4.5,
+            width: 1.9,
+            first_frame: first as u32,
+            rows: start..columns.x.len(),
+        });
+    }
+    let line = |kind, y| LaneLine { kind, y };
+    let mut lines = vec![line(LineKind::Boundary, -1.8), line(LineKind::Centre, 1.9), line(LineKind::Boundary, 5.6)];
+    if mirror {
+        lines.reverse();
+        lines.iter_mut().for_each(|line| line.y = -line.y);
+    }
+    let meta = RecordingMeta {
+        dataset: Dataset::Ngsim,
+        site: "us-101".to_owned(),
+        name: "made-up".to_owned(),
+        rate_hz: 5.,
+        simulated: false,
+    };
+    let roads = vec![Road { driving_direction: 2, lines, fitted: false }];
+    Recording::from_parts(meta, roads, tracks, columns).unwrap()
+}
+
+fn window(recording: &Recording, track: usize) -> Window<'_> {
+    let row = recording.tracks()[track].row_at(T0 as u32).unwrap();
+    Window::new(recording, SHAPE, track, row).unwrap()
+}
+
+fn features(recording: &Recording, representation: Representation) -> Features {
+    let config = FeatureConfig { representation, length_scale: 10., velocity_window_s: 0.4 };
+    let observations = [0, 1].map(|track| window(recording, track).observation());
+    Features::fit(&config, SHAPE, observations.into_iter()).unwrap()
+}
+
+fn modes(features: &Features) -> Modes {
+    let n = 12;
+    let futures: Vec<f32> = (0..n * SHAPE.predicted * 2).map(|i| ((i * 37 % 23) as f32 - 11.) * 0.3).collect();
+    let params = ModeParams { modes: 5, seed: 3, max_iterations: 50, restarts: 1 };
+    gnp_modes::fit(&futures, SHAPE.predicted, features.mode_frame(), &params).unwrap()
+}
+
+fn goal_config() -> GoalConfig {
+    GoalConfig {
+        width: 16,
+        heads: 2,
+        layers: 1,
+        feed_forward: 2,
+        dropout: 0.,
+        probability: ProbabilityHead::Decoder,
+        regression: Regression::Residual,
+        nobody: true,
+        slot_code: true,
+    }
+}
+
+fn traj_config() -> TrajConfig {
+    TrajConfig {
+        hidden: 8,
+        embedding: 7,
+        code: 6,
+        encoder: vec![9],
+        decoder: vec![10],
+        k_max: 10.,
+        k_max_line: 1.,
+        k_bias: 0.,
+        r_col: 26.,
+        lines: true,
+        input_scale: InputScale { position: 0.05, velocity: 0.05 },
+        integrator: Integrator::SemiImplicit,
+        network_period: 1,
+    }
+}
+
+/// Checkpoints of untrained networks: `(goal, repulsion)`.
+fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
+    let header = Header {
+        part: Part::Goal,
+        dataset: Dataset::Ngsim,
+        simulated: false,
+        shape: SHAPE,
+        features: features.clone(),
+        goal: Some(goal_config()),
+        traj: None,
+        seed: 1,
+        code_version: "test".to_owned(),
+        split_hash: "abc".to_owned(),
+        epoch: 0,
+        scores: BTreeMap::from([("loss".to_owned(), 0.5)]),
+        trainer: None,
+    };
+    let named = |weights: &Weights| -> BTreeMap<String, Tensor> {
+        weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().clone())).collect()
+    };
+    let goal = Weights::seeded(1, &Device::Cpu);
+    GoalNet::new(&goal_config(), features.goal_shape(), goal.builder()).unwrap();
+    let force = Weights::seeded(2, &Device::Cpu);
+    SocialForce::new(&traj_config(), force.builder()).unwrap();
+    let repulsion = Header { part: Part::Repulsion, goal: None, traj: Some(traj_config()), ..header.clone() };
+    (Checkpoint { header, tensors: named(&goal) }, Checkpoint { header: repulsion, tensors: named(&force) })
+}
+
+fn model(recording: &Recording, neighbours: NeighbourFuture) -> Gnp {
+    let features = features(recording, Representation::Deviation);
+    let (goal, force) = checkpoints(&features);
+    Gnp::new(modes(&features), &goal, Some(&force), neighbours, &Device::Cpu).unwrap()
+}
+
+#[test]
+fn forecasts_have_ordered_modes_whose_probabilities_sum_to_one() {
+    let recording = road(false, false);
+    let model = model(&recording, NeighbourFuture::ConstantVelocity).explaining(true);
+    let observations = [0, 1].map(|track| window(&recording, track).observation());
+    let forecasts = model.predict(&observations, 3).unwrap();
+    assert_eq!(forecasts.len(), 2);
+    for forecast in &forecasts {
+        assert_eq!(forecast.modes.len(), 3);
+        let sum: f32 = forecast.modes.iter().map(|mode| mode.probability).sum();
+        assert!((sum - 1.).abs() < 1e-5, "{sum}");
+        assert!(forecast.modes.is_sorted_by(|a, b| a.probability >= b.probability));
+        for mode in &forecast.modes {
+            assert_eq!(mode.path.len(), SHAPE.predicted);
+            let why = mode.explanation.as_ref().unwrap();
+            assert_eq!(why.steps.len(), SHAPE.predicted);
+            assert_eq!(why.steps[0].k_lines.len(), 3);
+            assert!(why.steps[0].tau > 0.2 && why.steps[0].tau < 1.2, "tau is sigmoid + dt");
+            // The physics ends near the goal it was given.
+            let end = mode.path[SHAPE.predicted - 1];
+            let miss = (end[0] - why.goal[0]).hypot(end[1] - why.goal[1]);
+            assert!(miss < 5., "{miss} m from the goal");
+        }
+    }
+    // Two neighbours push the target, one its leader.
+    let pushed = |b: usize| {
+        let why = forecasts[b].modes[0].explanation.as_ref().unwrap();
+        why.steps[0].k_slots.iter().filter(|k| **k > 0.).count()
+    };
+    assert_eq!((pushed(0), pushed(1)), (2, 1));
+    assert_eq!(model.predict(&observations, 50).unwrap()[0].modes.len(), 5, "no more than there are modes");
+}
+
+#[test]
+fn forces_and_steps_explain_the_path() {
+    let recording = road(false, false);
+    let model = model(&recording, NeighbourFuture::ConstantVelocity).explaining(true);
+    let observation = window(&recording, 0).observation();
+    let forecast = model.predict(&[observation], 2).unwrap().remove(0);
+    let (dt, mode) = (SHAPE.dt() as f32, &forecast.modes[0]);
+    let start = Seen::recorded(observation).velocity(0.4);
+    let (mut p, mut v) = ([0f32; 2], start);
+    for (step, point) in mode.explanation.as_ref().unwrap().steps.iter().zip(&mode.path) {
+        for axis in 0..2 {
+            v[axis] += dt * (step.goal[axis] + step.neighbours[axis] + step.lines[axis]);
+            p[axis] += dt * v[axis];
+            assert!((p[axis] - point[axis]).abs() < 1e-3, "{p:?} by the forces, {point:?} on the path");
+        }
+    }
+}
+
+#[test]
+fn nothing_after_the_last_observed_frame_reaches_a_prediction() {
+    for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Joint] {
+        let (recorded, scrambled) = (road(false, false), road(false, true));
+        let model = model(&recorded, neighbours).explaining(true);
+        let predict = |recording: &Recording| {
+            let observations = [0, 1].map(|track| window(recording, track).observation());
+            model.predict(&observations, 4).unwrap()
+        };
+        assert_eq!(predict(&recorded), predict(&scrambled), "{neighbours:?}");
+    }
+    // The oracle does look ahead, and is the only one that does.
+    let (recorded, scrambled) = (road(false, false), road(false, true));
+    let model = model(&recorded, NeighbourFuture::Oracle);
+    let informed = |recording: &Recording| {
+        gnp_data::InformedPredictor::predict_informed(&model.oracle(), &[window(recording, 0)], 4).unwrap()
+    };
+    assert_ne!(informed(&recorded), informed(&scrambled));
+}
+
+#[test]
+fn joint_neighbours_take_their_own_predicted_paths() {
+    let recording = road(false, false);
+    let joint = model(&recording, NeighbourFuture::Joint).explaining(true);
+    let alone = model(&recording, NeighbourFuture::ConstantVelocity).explaining(true);
+    let observations = [0, 1].map(|track| window(&recording, track).observation());
+    let (joint, alone) = (joint.predict(&observations, 1).unwrap(), alone.predict(&observations, 1).unwrap());
+    let push = |forecasts: &[gnp_data::Forecast], step: usize| {
+        forecasts[0].modes[0].explanation.as_ref().unwrap().steps[step].by_slot[Slot::Preceding as usize]
+    };
+    // At the last observed frame the neighbours are where they are; later they go their own way.
+    for axis in 0..2 {
+        assert!((push(&joint, 0)[axis] - push(&alone, 0)[axis]).abs() < 1e-3);
+    }
+    assert!((push(&joint, 8)[0] - push(&alone, 8)[0]).abs() > 1e-4);
+}
+
+#[test]
+fn a_mirrored_road_is_seen_in_the_mirror() {
+    let (road, mirrored) = (road(false, false), road(true, false));
+    let features = features(&road, Representation::Deviation);
+    let inputs = |seen: Seen<'_>| features.goal_inputs(&[seen], &Device::Cpu).unwrap();
+    let a = inputs(Seen::recorded(window(&mirrored, 0).observation()));
+    let b = inputs(Seen::mirrored(window(&road, 0).observation()));
+    let c = inputs(Seen::recorded(window(&road, 0).observation()));
+    let flat = |tensor: &Tensor| tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    for (a, b) in flat(&a.observed).into_iter().zip(flat(&b.observed)) {
+        assert!((a - b).abs() < 1e-4, "{a} {b}");
+    }
+    assert_eq!(flat(&a.mask), flat(&b.mask));
+    assert_ne!(flat(&a.mask), flat(&c.mask));
+    for (a, b) in flat(&a.neighbours).into_iter().zip(flat(&b.neighbours)) {
+        assert!((a - b).abs() < 1e-4, "{a} {b}");
+    }
+    let future = |seen: Seen<'_>, window: Window<'_>| features.future(&seen, &window);
+    let a = future(Seen::recorded(window(&mirrored, 0).observation()), window(&mirrored, 0));
+    let b = future(Seen::mirrored(window(&road, 0).observation()), window(&road, 0));
+    for (a, b) in a.into_iter().zip(b) {
+        assert!((a - b).abs() < 1e-4, "{a} {b}");
+    }
+}
+
+#[test]
+fn futures_come_back_from_the_modes_frame() {
+    let recording = road(false, false);
+    for representation in [Representation::Position, Representation::Deviation] {
+        let features = features(&recording, representation);
+        let window = window(&recording, 0);
+        let seen = Seen::recorded(window.observation());
+        let back = features.to_window_frame(&seen, &features.future(&seen, &window));
+        for (j, point) in back.iter().enumerate() {
+            let truth = window.truth().target(j);
+            assert!((point[0] - truth.x).abs() < 1e-4 && (point[1] - truth.y).abs() < 1e-4);
+        }
+    }
+}
+
+#[test]
+fn a_run_folder_loads_as_it_was_saved() {
+    let recording = road(false, false);
+    let features = features(&recording, Representation::Deviation);
+    let (goal, force) = checkpoints(&features);
+    let folder = tempfile::tempdir().unwrap();
+    modes(&features).save(&folder.path().join("modes.safetensors")).unwrap();
+    let save = |name: &str, c: &Checkpoint| {
+        Checkpoint::save(&folder.path().join(name), &c.header, &c.tensors).unwrap();
+    };
+    save("goal.safetensors", &goal);
+    let observation = [window(&recording, 0).observation()];
+    let load = || Gnp::load(folder.path(), NeighbourFuture::ConstantVelocity, &Device::Cpu);
+    let head = load().unwrap();
+    assert_eq!(head.name(), "goal head");
+    save("repulsion.safetensors", &force);
+    let whole = load().unwrap();
+    assert_eq!(whole.name(), "gnp");
+    assert_eq!(whole.header(), &goal.header);
+    let made = model(&recording, NeighbourFuture::ConstantVelocity);
+    assert_eq!(whole.predict(&observation, 3).unwrap(), made.predict(&observation, 3).unwrap());
+    assert_eq!(head.predict(&observation, 3).unwrap(), made.goal_head().predict(&observation, 3).unwrap());
+
+    let mut other = force.clone();
+    other.header.split_hash = "def".to_owned();
+    save("repulsion.safetensors", &other);
+    assert!(load().unwrap_err().to_string().contains("another split"));
+}
+
+#[test]
+fn a_damaged_or_foreign_checkpoint_is_refused_by_name() {
+    let recording = road(false, false);
+    let (goal, _) = checkpoints(&features(&recording, Representation::Position));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("goal.safetensors");
+    Checkpoint::save(&path, &goal.header, &goal.tensors).unwrap();
+    let message = |path: &Path| Checkpoint::load(path).unwrap_err().to_string();
+
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(message(&path).contains("not a whole safetensors file"), "{}", message(&path));
+    assert!(message(&path).contains("goal.safetensors"));
+    std::fs::write(&path, b"not a checkpoint").unwrap();
+    assert!(message(&path).contains("not a whole safetensors file"), "{}", message(&path));
+    assert!(message(&folder.path().join("missing")).contains("cannot be read"));
+    let plain = safetensors::serialize(Vec::<(&str, safetensors::tensor::TensorView<'_>)>::new(), None).unwrap();
+    std::fs::write(&path, plain).unwrap();
+    assert!(message(&path).contains("not a checkpoint of this program"), "{}", message(&path));
+}
+
+#[test]
+fn a_wrong_rate_is_refused_with_both_rates() {
+    let recording = road(false, false);
+    let features = features(&recording, Representation::Deviation);
+    let (goal, _) = checkpoints(&features);
+    let other = WindowShape { rate_hz: 10., ..SHAPE };
+    let error = goal.expect(Path::new("goal.safetensors"), Part::Goal, Some(other)).unwrap_err();
+    assert!(matches!(error, ModelError::Shape { .. }));
+    assert!(error.to_string().contains("5 Hz") && error.to_string().contains("10 Hz"), "{error}");
+
+    let model = model(&recording, NeighbourFuture::ConstantVelocity);
+    let other = WindowShape { observed: 4, ..SHAPE };
+    let observation = Observation::new(&recording, other, 0, T0).unwrap();
+    let error = model.predict(&[observation], 3).unwrap_err().to_string();
+    assert!(error.contains("6 + 9 frames") && error.contains("4 + 9 frames"), "{error}");
+}
