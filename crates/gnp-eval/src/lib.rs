@@ -1,1 +1,36 @@
-//! Metrics, protocols, bootstrap, score tables and prediction files.
+//! Metrics, protocols, bootstrap intervals, score tables and prediction files.
+//!
+//! [`evaluate`] asks models for forecasts window by window and holds them against what happened;
+//! the [`Evaluation`] it gives knows the sums of every [`Metric`] by vehicle, from which come values
+//! with intervals ([`Score`], `metrics.json`), comparisons ([`Evaluation::difference`]) and
+//! [`Table`]s. Which metrics, and how many futures a model is asked for, is a [`Protocol`].
+//! Forecasts go to and come from Parquet by [`PredictionWriter`] and [`read_predictions`]; what was
+//! read is a predictor in its turn, so anyone's forecasts can be scored.
+//!
+//! Lengths in m, times in s, positions in the window's frame (x forward, y to the left, the
+//! target's last observed centre is the origin). Every result is the same on any number of threads.
+
+mod bootstrap;
+mod case;
+mod error;
+mod evaluate;
+mod metric;
+mod predictions;
+mod protocol;
+mod score;
+mod sums;
+mod table;
+
+pub use crate::bootstrap::{Bootstrap, Difference, Interval};
+pub use crate::case::{Case, Reference};
+pub use crate::error::{EvalError, ForecastProblem, PredictionProblem};
+pub use crate::evaluate::{Batch, Entrant, EvalConfig, Evaluation, Setting, evaluate};
+pub use crate::metric::{Direction, MISS_M, Metric, MetricKind, Unit};
+pub use crate::predictions::{
+    ColumnInfo, Coverage, Detail, Prediction, PredictionWriter, Predictions, Provenance, prediction_columns,
+    read_predictions,
+};
+pub use crate::protocol::Protocol;
+pub use crate::score::{ALL_SITES, Score, load_scores, save_scores};
+pub use crate::sums::{Sums, VehicleId};
+pub use crate::table::{Table, TableHead, tables};

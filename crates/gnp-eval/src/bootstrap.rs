@@ -1,0 +1,262 @@
+//! Intervals by resampling vehicles.
+//!
+//! Windows of one vehicle overlap and share a driver, so they are far from independent: resampling
+//! windows would give intervals several times too narrow. Vehicles are drawn with replacement, each
+//! with all its windows.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::error::EvalError;
+use crate::metric::{Direction, MetricKind};
+use crate::sums::{Pool, Sums};
+
+/// How many resamples, and the seed. Resample `i` is the same for every metric and model scored on
+/// the same vehicles, and on any number of threads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Bootstrap {
+    /// Resamples; 1000 give the ends of a 95 % interval to about a twentieth of its width.
+    pub resamples: usize,
+    /// Seed of the draws.
+    pub seed: u64,
+}
+
+/// The middle 95 % of what resampling gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// 2.5th percentile.
+    pub low: f64,
+    /// 97.5th percentile.
+    pub high: f64,
+}
+
+/// How much one model's metric differs from another's on the same windows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// The first model's value minus the second's.
+    pub value: f64,
+    /// Interval of that difference, both models resampled together; `None` with fewer than two
+    /// vehicles.
+    pub interval: Option<Interval>,
+    /// Share of resamples in which the first model is better.
+    pub share_better: f64,
+}
+
+impl Difference {
+    /// Whether the interval leaves out zero.
+    #[must_use]
+    pub fn is_clear(&self) -> bool {
+        self.interval.is_some_and(|interval| interval.low > 0. || interval.high < 0.)
+    }
+}
+
+impl Bootstrap {
+    /// Refuses fewer resamples than a 95 % interval needs.
+    ///
+    /// # Errors
+    /// Names the key and what to write.
+    pub fn check(&self) -> Result<(), EvalError> {
+        if self.resamples < 40 {
+            let problem = format!("is {}; a 95 % interval needs at least 40 resamples, 1000 are usual", self.resamples);
+            return Err(EvalError::Config { key: "resamples", problem });
+        }
+        Ok(())
+    }
+
+    /// An interval for each metric; `None` with fewer than two contributing vehicles.
+    pub(crate) fn intervals(&self, sums: &Sums, kinds: &[MetricKind]) -> Vec<Option<Interval>> {
+        let values = self.resample(sums.vehicles().len(), |times| {
+            let mut pools = vec![Pool::default(); kinds.len()];
+            for (row, times) in sums.rows().zip(times).filter(|(_, times)| **times > 0.) {
+                for ((pool, cell), kind) in pools.iter_mut().zip(row).zip(kinds) {
+                    pool.add(cell, *times, *kind);
+                }
+            }
+            pools.iter().zip(kinds).map(|(pool, kind)| pool.value(*kind)).collect::<Vec<_>>()
+        });
+        let of_metric = |index: usize| {
+            let resampled = values.iter().filter_map(|values| values[index]).collect();
+            (sums.counts(index).1 > 1).then(|| middle(resampled)).flatten()
+        };
+        (0..kinds.len()).map(of_metric).collect()
+    }
+
+    /// The difference of the metric at `index` between two models; both sums must be of the same
+    /// vehicles. `None` where no window contributed.
+    pub(crate) fn difference(&self, a: &Sums, b: &Sums, index: usize, kind: MetricKind) -> Option<Difference> {
+        let value = a.value(index, kind)? - b.value(index, kind)?;
+        let resampled: Vec<f64> = self
+            .resample(a.vehicles().len(), |times| {
+                let mut pools = [Pool::default(); 2];
+                for ((row_a, row_b), times) in a.rows().zip(b.rows()).zip(times) {
+                    pools[0].add(&row_a[index], *times, kind);
+                    pools[1].add(&row_b[index], *times, kind);
+                }
+                Some(pools[0].value(kind)? - pools[1].value(kind)?)
+            })
+            .into_iter()
+            .flatten()
+            .collect();
+        let better = |difference: &&f64| match kind.direction() {
+            Direction::Lower => **difference < 0.,
+            Direction::Higher => **difference > 0.,
+        };
+        let share_better = resampled.iter().filter(better).count() as f64 / resampled.len().max(1) as f64;
+        let interval = (a.counts(index).1 > 1).then(|| middle(resampled)).flatten();
+        Some(Difference { value, interval, share_better })
+    }
+
+    /// `of` each resample, in order: it is given how often each vehicle was drawn.
+    fn resample<T: Send>(&self, vehicles: usize, of: impl Fn(&[f64]) -> T + Sync) -> Vec<T> {
+        let draw = |resample: usize| {
+            let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+            rng.set_stream(resample as u64);
+            let mut times = vec![0.; vehicles];
+            for _ in 0..vehicles {
+                times[rng.random_range(0..vehicles as u32) as usize] += 1.;
+            }
+            of(&times)
+        };
+        (0..self.resamples).into_par_iter().map(draw).collect()
+    }
+}
+
+/// The middle 95 %, with linear interpolation between order statistics; `None` of nothing.
+fn middle(mut values: Vec<f64>) -> Option<Interval> {
+    values.sort_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    let at = |share: f64| {
+        let place = share * last as f64;
+        let (below, above) = (place.floor() as usize, place.ceil() as usize);
+        values[below] + (values[above] - values[below]) * (place - place.floor())
+    };
+    Some(Interval { low: at(0.025), high: at(0.975) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sums::Gatherer;
+
+    fn bootstrap() -> Bootstrap {
+        Bootstrap { resamples: 2000, seed: 5 }
+    }
+
+    /// `vehicles` vehicles with `windows` windows each; every window of vehicle `i` contributes
+    /// `of(i)`.
+    fn sums(vehicles: u32, windows: usize, of: impl Fn(u32) -> f64) -> Sums {
+        let mut gatherer = Gatherer::new(1);
+        for vehicle in 0..vehicles {
+            for _ in 0..windows {
+                gatherer.add("r", vehicle, &[Some(of(vehicle))]);
+            }
+        }
+        gatherer.finish()
+    }
+
+    /// Standard normal numbers (Box and Muller), seeded by vehicle.
+    fn normal(seed: u64, vehicle: u32) -> f64 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(u64::from(vehicle));
+        let (u, v): (f64, f64) = (rng.random_range(f64::MIN_POSITIVE..1.), rng.random());
+        (-2. * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+
+    /// The mean of n normal numbers has the standard error s / sqrt(n): its interval is known.
+    #[test]
+    fn interval_of_a_mean_is_the_textbook_one() {
+        let sums = sums(400, 3, |vehicle| 10. + normal(1, vehicle));
+        let values: Vec<f64> = (0..400).map(|vehicle| 10. + normal(1, vehicle)).collect();
+        let mean = values.iter().sum::<f64>() / 400.;
+        let deviation = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 399.).sqrt();
+        let half = 1.96 * deviation / 400f64.sqrt();
+        let found = bootstrap().intervals(&sums, &[MetricKind::Ade])[0].unwrap();
+        assert!((found.low - (mean - half)).abs() < 0.1 * half, "{found:?}, {mean} +- {half}");
+        assert!((found.high - (mean + half)).abs() < 0.1 * half, "{found:?}, {mean} +- {half}");
+    }
+
+    /// A 95 % interval holds the true value in about 95 of 100 samples.
+    #[test]
+    fn intervals_cover_the_truth_as_often_as_they_say() {
+        let bootstrap = Bootstrap { resamples: 400, seed: 6 };
+        let held = (0..200)
+            .filter(|sample| {
+                let sums = sums(60, 1, |vehicle| normal(100 + sample, vehicle).powi(2));
+                let interval = bootstrap.intervals(&sums, &[MetricKind::RmseAt])[0].unwrap();
+                interval.low <= 1. && 1. <= interval.high
+            })
+            .count();
+        // Binomial: 190 expected, 3.1 the standard deviation; small samples cover a little less.
+        assert!((176..=199).contains(&held), "{held} of 200");
+    }
+
+    /// More windows of the same vehicles are no more vehicles: the interval stays.
+    #[test]
+    fn intervals_do_not_shrink_with_windows_of_the_same_vehicles() {
+        let of = |windows| {
+            let interval = bootstrap().intervals(&sums(50, windows, |v| f64::from(v)), &[MetricKind::Ade])[0].unwrap();
+            interval.high - interval.low
+        };
+        assert!((of(1) - of(100)).abs() < 1e-9);
+        assert!(of(1) > 5.);
+    }
+
+    #[test]
+    fn same_bits_on_one_thread_and_on_two() {
+        let sums = sums(37, 2, |vehicle| normal(2, vehicle).powi(2));
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| bootstrap().intervals(&sums, &[MetricKind::RmseAt])[0].unwrap())
+        };
+        let (one, two) = (on(1), on(2));
+        assert_eq!((one.low.to_bits(), one.high.to_bits()), (two.low.to_bits(), two.high.to_bits()));
+        let other = Bootstrap { seed: 6, ..bootstrap() }.intervals(&sums, &[MetricKind::RmseAt])[0].unwrap();
+        assert_ne!(one, other);
+    }
+
+    /// Vehicles differ by metres, the two models by a tenth: only the paired difference shows it.
+    #[test]
+    fn pairing_finds_a_small_difference() {
+        let a = sums(80, 2, |vehicle| 5. + 3. * normal(3, vehicle));
+        let b = sums(80, 2, |vehicle| 5.1 + 3. * normal(3, vehicle) + 0.01 * normal(4, vehicle));
+        let difference = bootstrap().difference(&a, &b, 0, MetricKind::MinFde).unwrap();
+        assert!((difference.value + 0.1).abs() < 0.01);
+        assert!(difference.is_clear() && difference.share_better == 1.);
+        let [alone_a, alone_b] = [&a, &b].map(|sums| bootstrap().intervals(sums, &[MetricKind::MinFde])[0].unwrap());
+        assert!(alone_a.high > alone_b.low, "the models' own intervals overlap");
+    }
+
+    #[test]
+    fn a_model_is_not_better_than_itself() {
+        let a = sums(30, 2, |vehicle| normal(3, vehicle).powi(2));
+        let difference = bootstrap().difference(&a, &a, 0, MetricKind::RmseAt).unwrap();
+        assert_eq!(difference.value, 0.);
+        assert!(!difference.is_clear());
+        assert_eq!(difference.share_better, 0.);
+    }
+
+    #[test]
+    fn one_vehicle_has_no_interval() {
+        assert_eq!(bootstrap().intervals(&sums(1, 40, |_| 2.), &[MetricKind::Ade]), [None]);
+        let difference = bootstrap().difference(&sums(1, 4, |_| 2.), &sums(1, 4, |_| 1.), 0, MetricKind::Ade);
+        assert_eq!(difference.unwrap().interval, None);
+    }
+
+    #[test]
+    fn percentiles_interpolate() {
+        // 0, 1, ..., 40: 2.5 % of 40 steps is one step.
+        let found = middle((0..=40).rev().map(f64::from).collect()).unwrap();
+        assert_eq!((found.low, found.high), (1., 39.));
+        assert_eq!(middle(Vec::new()), None);
+    }
+
+    #[test]
+    fn too_few_resamples_are_refused() {
+        let error = Bootstrap { resamples: 20, seed: 1 }.check().unwrap_err();
+        assert!(error.to_string().contains("`resamples`"), "{error}");
+        assert!(bootstrap().check().is_ok());
+    }
+}

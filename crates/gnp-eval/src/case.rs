@@ -1,0 +1,230 @@
+//! One window seen by the metrics: what happened, and a forecast held against it.
+
+use gnp_data::{Forecast, Mode, Window, WindowShape};
+
+use crate::error::{EvalError, ForecastProblem};
+use crate::metric::Footprint;
+
+/// What happened in the predicted frames of one window: the target's path, the road's edges and the
+/// boxes of the other vehicles. Window frame, m.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reference {
+    path: Vec<[f32; 2]>,
+    rate_hz: f64,
+    size: [f32; 2],
+    edges: Option<[f32; 2]>,
+    others: Vec<Vec<Footprint>>,
+}
+
+impl Reference {
+    /// Everything that happened in a window.
+    #[must_use]
+    pub fn of(window: &Window<'_>) -> Self {
+        let (seen, truth) = (window.observation(), window.truth());
+        let predicted = seen.shape().predicted;
+        let lateral = || seen.lines().map(|line| line.y);
+        let (right, left) = (lateral().fold(f32::INFINITY, f32::min), lateral().fold(f32::NEG_INFINITY, f32::max));
+        let footprints = |j| truth.others(j).map(|(state, size)| Footprint::along_road([state.x, state.y], size));
+        Self {
+            path: (0..predicted).map(|j| truth.target(j)).map(|state| [state.x, state.y]).collect(),
+            rate_hz: seen.shape().rate_hz,
+            size: seen.size(),
+            edges: (right < left).then_some([right, left]),
+            others: (0..predicted).map(|j| footprints(j).collect()).collect(),
+        }
+    }
+
+    /// A bare path on an empty plane: no edges, no other vehicle.
+    #[must_use]
+    pub fn from_path(path: Vec<[f32; 2]>, rate_hz: f64) -> Self {
+        let others = vec![Vec::new(); path.len()];
+        Self { path, rate_hz, size: [0.; 2], edges: None, others }
+    }
+
+    /// Centre of the target in each predicted frame, m.
+    #[must_use]
+    pub fn path(&self) -> &[[f32; 2]] {
+        &self.path
+    }
+
+    /// Length and width of the target, m.
+    #[must_use]
+    pub(crate) fn size(&self) -> [f32; 2] {
+        self.size
+    }
+
+    /// Lateral positions of the rightmost and the leftmost line, m; `None` where fewer than two
+    /// lines are known.
+    #[must_use]
+    pub(crate) fn edges(&self) -> Option<[f32; 2]> {
+        self.edges
+    }
+
+    /// Footprints of the other vehicles in predicted frame `j`.
+    #[must_use]
+    pub(crate) fn others(&self, j: usize) -> &[Footprint] {
+        &self.others[j]
+    }
+
+    /// Number of predicted frames up to `horizon_s`, the frame at that time included.
+    ///
+    /// # Errors
+    /// When no predicted frame lies at that time.
+    pub fn frames(&self, horizon_s: f64) -> Result<usize, EvalError> {
+        frames_to(horizon_s, self.rate_hz, self.path.len())
+    }
+}
+
+/// Number of frames up to `horizon_s`, if one of the `predicted` frames lies at that time.
+pub(crate) fn frames_to(horizon_s: f64, rate_hz: f64, predicted: usize) -> Result<usize, EvalError> {
+    let exact = horizon_s * rate_hz;
+    let frames = exact.round();
+    let fits = frames >= 1. && frames <= predicted as f64 && (exact - frames).abs() < 1e-6;
+    if fits { Ok(frames as usize) } else { Err(EvalError::Horizon { horizon_s, rate_hz, predicted }) }
+}
+
+/// Whole seconds up to the horizon at which the windows have a predicted frame: 1, 2, 3, 4, 5 at
+/// 25, 10 or 5 Hz; only 2 and 4 at 12.5 Hz, where the others fall between two frames.
+///
+/// # Errors
+/// When there is none.
+pub(crate) fn whole_seconds(shape: &WindowShape) -> Result<Vec<f64>, EvalError> {
+    let last = (shape.predicted as f64 / shape.rate_hz + 1e-6).floor() as u32;
+    let on_frame = |second: &f64| frames_to(*second, shape.rate_hz, shape.predicted).is_ok();
+    let seconds: Vec<f64> = (1..=last).map(f64::from).filter(on_frame).collect();
+    if seconds.is_empty() {
+        return Err(EvalError::Horizon { horizon_s: 1., rate_hz: shape.rate_hz, predicted: shape.predicted });
+    }
+    Ok(seconds)
+}
+
+/// A forecast held against what happened: the squared displacement of every mode in every frame.
+#[derive(Clone, Debug)]
+pub struct Case<'a> {
+    reference: &'a Reference,
+    modes: &'a [Mode],
+    /// `[modes, frames]`, m².
+    squared: Vec<f64>,
+}
+
+impl<'a> Case<'a> {
+    /// Holds a forecast that was asked for at most `asked` modes against what happened.
+    ///
+    /// # Errors
+    /// When it has no mode or too many, a path of another length or with a value that is not
+    /// finite, or probabilities that are not in order or do not sum to 1.
+    pub fn new(reference: &'a Reference, forecast: &'a Forecast, asked: usize) -> Result<Self, ForecastProblem> {
+        let modes = &forecast.modes[..];
+        check(modes, reference.path.len(), asked)?;
+        let squared = modes
+            .iter()
+            .flat_map(|mode| mode.path.iter().zip(&reference.path))
+            .map(|(p, q)| (f64::from(p[0]) - f64::from(q[0])).powi(2) + (f64::from(p[1]) - f64::from(q[1])).powi(2))
+            .collect();
+        Ok(Self { reference, modes, squared })
+    }
+
+    /// What happened.
+    #[must_use]
+    pub fn reference(&self) -> &Reference {
+        self.reference
+    }
+
+    /// The forecast's modes, likeliest first.
+    #[must_use]
+    pub fn modes(&self) -> &[Mode] {
+        self.modes
+    }
+
+    /// Squared displacement of `mode` in each of the first `frames` predicted frames, m².
+    #[must_use]
+    pub(crate) fn squared(&self, mode: usize, frames: usize) -> &[f64] {
+        let start = mode * self.reference.path.len();
+        &self.squared[start..start + frames]
+    }
+}
+
+fn check(modes: &[Mode], frames: usize, asked: usize) -> Result<(), ForecastProblem> {
+    if modes.is_empty() {
+        return Err(ForecastProblem::NoModes);
+    }
+    if modes.len() > asked {
+        return Err(ForecastProblem::TooMany { asked, found: modes.len() });
+    }
+    let mut before = f32::INFINITY;
+    for (mode, Mode { probability, path, .. }) in modes.iter().enumerate() {
+        let probability = *probability;
+        if path.len() != frames {
+            return Err(ForecastProblem::Frames { mode, needs: frames, found: path.len() });
+        }
+        if let Some(j) = path.iter().position(|p| !(p[0].is_finite() && p[1].is_finite())) {
+            return Err(ForecastProblem::NotFinite { mode, step: j + 1 });
+        }
+        if !(0. ..=1.).contains(&probability) {
+            return Err(ForecastProblem::Probability { mode, probability });
+        }
+        if probability > before {
+            return Err(ForecastProblem::Order { mode });
+        }
+        before = probability;
+    }
+    let sum: f64 = modes.iter().map(|mode| f64::from(mode.probability)).sum();
+    // Single precision, and files with rounded probabilities, stay within this.
+    if (sum - 1.).abs() > 1e-3 { Err(ForecastProblem::Sum { sum }) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mode(probability: f32, path: &[[f32; 2]]) -> Mode {
+        Mode { probability, path: path.to_vec(), explanation: None }
+    }
+
+    #[test]
+    fn whole_seconds_fall_on_frames() {
+        let five = vec![1., 2., 3., 4., 5.];
+        let cases = [
+            (25., 125, five.clone()),
+            (10., 50, five.clone()),
+            (5., 25, five),
+            (10., 48, vec![1., 2., 3., 4.]),
+            (12.5, 62, vec![2., 4.]),
+            (25. / 3., 41, vec![3.]),
+        ];
+        for (rate_hz, predicted, seconds) in cases {
+            let shape = WindowShape { observed: 7, predicted, step: 1, rate_hz };
+            assert_eq!(whole_seconds(&shape).unwrap(), seconds, "{rate_hz} Hz");
+        }
+        assert_eq!(frames_to(3., 25. / 3., 41).unwrap(), 25);
+        assert!(matches!(frames_to(1., 12.5, 62), Err(EvalError::Horizon { .. })));
+        assert!(matches!(frames_to(6., 10., 50), Err(EvalError::Horizon { .. })));
+    }
+
+    #[test]
+    fn a_horizon_below_one_second_is_refused() {
+        let shape = WindowShape { observed: 7, predicted: 9, step: 1, rate_hz: 10. };
+        assert!(matches!(whole_seconds(&shape), Err(EvalError::Horizon { predicted: 9, .. })));
+    }
+
+    #[test]
+    fn what_cannot_be_scored_is_named() {
+        let reference = Reference::from_path(vec![[1., 0.], [2., 0.]], 2.);
+        let path = [[1., 0.], [2., 0.]];
+        let problem = |modes: Vec<Mode>| Case::new(&reference, &Forecast { modes }, 2).err();
+        assert_eq!(problem(vec![mode(1., &path)]), None);
+        assert_eq!(problem(vec![]), Some(ForecastProblem::NoModes));
+        let three = vec![mode(0.4, &path), mode(0.3, &path), mode(0.3, &path)];
+        assert_eq!(problem(three), Some(ForecastProblem::TooMany { asked: 2, found: 3 }));
+        let short = vec![mode(0.6, &path), mode(0.4, &path[..1])];
+        assert_eq!(problem(short), Some(ForecastProblem::Frames { mode: 1, needs: 2, found: 1 }));
+        let nan = vec![mode(1., &[[1., 0.], [f32::NAN, 0.]])];
+        assert_eq!(problem(nan), Some(ForecastProblem::NotFinite { mode: 0, step: 2 }));
+        let unsorted = vec![mode(0.4, &path), mode(0.6, &path)];
+        assert_eq!(problem(unsorted), Some(ForecastProblem::Order { mode: 1 }));
+        assert!(matches!(problem(vec![mode(0.7, &path), mode(0.2, &path)]), Some(ForecastProblem::Sum { .. })));
+        let above = vec![mode(1.5, &path)];
+        assert_eq!(problem(above), Some(ForecastProblem::Probability { mode: 0, probability: 1.5 }));
+        assert!(matches!(problem(vec![mode(f32::NAN, &path)]), Some(ForecastProblem::Probability { .. })));
+    }
+}

@@ -1,0 +1,373 @@
+//! The driver: asks models for forecasts batch by batch and gathers what each window adds.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use gnp_data::{Dataset, Forecast, InformedPredictor, Observation, Predictor, Window, WindowId, WindowSet};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::bootstrap::{Bootstrap, Difference};
+use crate::case::{Case, Reference};
+use crate::error::EvalError;
+use crate::metric::Metric;
+use crate::protocol::Protocol;
+use crate::score::{ALL_SITES, Score};
+use crate::sums::{Gatherer, Sums};
+
+/// How to evaluate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvalConfig {
+    /// Protocols to score under.
+    pub protocols: Vec<Protocol>,
+    /// Windows handed to a model at a time, at least; a batch ends with the vehicles of an instant
+    /// complete, so that models that predict a scene together see it whole.
+    pub batch: usize,
+    /// Resampling for the intervals.
+    pub bootstrap: Bootstrap,
+}
+
+impl EvalConfig {
+    /// Refuses values that cannot be used.
+    ///
+    /// # Errors
+    /// Names the key and what to write.
+    pub fn check(&self) -> Result<(), EvalError> {
+        let bad = |key, problem: &str| Err(EvalError::Config { key, problem: problem.to_owned() });
+        if self.batch == 0 {
+            return bad("batch", "is 0; write a number of windows, such as 256");
+        }
+        if self.protocols.is_empty() {
+            return bad("protocols", "is empty; write some of paper, literature, clean");
+        }
+        if self.protocols.iter().collect::<BTreeSet<_>>().len() < self.protocols.len() {
+            return bad("protocols", "names a protocol twice; write each once");
+        }
+        self.bootstrap.check()
+    }
+}
+
+/// A model to score.
+#[derive(Clone, Copy)]
+pub enum Entrant<'a> {
+    /// Sees the past alone.
+    Predictor(&'a dyn Predictor),
+    /// Is handed recorded futures: refused under `clean`, marked everywhere else.
+    Informed(&'a dyn InformedPredictor),
+}
+
+impl Entrant<'_> {
+    /// Name in tables.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Predictor(model) => model.name(),
+            Self::Informed(model) => model.name(),
+        }
+    }
+
+    /// Whether it is handed recorded futures.
+    #[must_use]
+    pub fn future_input(&self) -> bool {
+        matches!(self, Self::Informed(_))
+    }
+
+    fn predict(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, EvalError> {
+        let Some(first) = windows.first() else { return Ok(Vec::new()) };
+        let forecasts = match self {
+            Self::Predictor(model) => {
+                let seen: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
+                model.predict(&seen, k)
+            }
+            Self::Informed(model) => model.predict_informed(windows, k),
+        };
+        let forecasts = forecasts.map_err(|source| EvalError::Predict { first: first.key(), source })?;
+        if forecasts.len() != windows.len() {
+            let model = self.name().to_owned();
+            return Err(EvalError::Count { model, windows: windows.len(), found: forecasts.len() });
+        }
+        Ok(forecasts)
+    }
+}
+
+/// One answer of one model, as the watcher sees it: for a progress bar, or to write predictions.
+#[derive(Clone, Copy, Debug)]
+pub struct Batch<'a> {
+    /// Name of the model.
+    pub model: &'a str,
+    /// Futures it was asked for.
+    pub asked: usize,
+    /// The windows, by recording, instant and vehicle.
+    pub windows: &'a [Window<'a>],
+    /// One forecast a window.
+    pub forecasts: &'a [Forecast],
+    /// Forecasts made so far, this batch included, over all models and numbers of futures.
+    pub done: usize,
+    /// Forecasts to make.
+    pub total: usize,
+}
+
+/// What the scored windows have in common.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// The data family.
+    pub dataset: Dataset,
+    /// Whether any recording that was scored is simulated.
+    pub simulated: bool,
+    /// Rate of the windows' frames, Hz.
+    pub rate_hz: f64,
+    /// Windows scored.
+    pub windows: usize,
+}
+
+/// Sums of every metric by model, protocol, site and vehicle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluation {
+    setting: Setting,
+    metrics: BTreeMap<Protocol, Vec<Metric>>,
+    sheets: Vec<Sheet>,
+}
+
+/// One model under one protocol.
+#[derive(Clone, Debug, PartialEq)]
+struct Sheet {
+    model: String,
+    protocol: Protocol,
+    future_input: bool,
+    /// By site, [`ALL_SITES`] among them.
+    sums: BTreeMap<String, Sums>,
+}
+
+/// Scores every entrant on the windows `ids` of `set` under every protocol of `config`.
+///
+/// Models are asked one after the other, windows ordered by recording, instant and vehicle. What a
+/// window adds is kept as sums by vehicle: memory does not grow with the number of windows. `watch`
+/// sees every answer; an error from it, such as [`EvalError::Stopped`], ends the evaluation.
+///
+/// # Errors
+/// When the configuration cannot be used, there is no window, two entrants share a name, an informed
+/// entrant meets a protocol that allows no future input, a model fails or gives a forecast that
+/// cannot be scored (the window is named), or `watch` says so.
+pub fn evaluate(
+    set: &WindowSet<'_>,
+    ids: &[WindowId],
+    entrants: &[Entrant<'_>],
+    config: &EvalConfig,
+    watch: &mut dyn FnMut(&Batch<'_>) -> Result<(), EvalError>,
+) -> Result<Evaluation, EvalError> {
+    config.check()?;
+    admit(entrants, &config.protocols)?;
+    let ids = in_order(set, ids)?;
+    let setting = setting(set, &ids)?;
+    let metrics: BTreeMap<Protocol, Vec<Metric>> =
+        config.protocols.iter().map(|p| Ok((*p, p.metrics(&set.shape())?))).collect::<Result<_, EvalError>>()?;
+    let asks: BTreeSet<usize> = metrics.keys().flat_map(|protocol| protocol.asks().iter().copied()).collect();
+    let total = ids.len() * asks.len() * entrants.len();
+    let mut done = 0;
+    let mut sheets = Vec::new();
+    for entrant in entrants {
+        let mut gathered: Vec<BTreeMap<&str, Gatherer>> = vec![BTreeMap::new(); metrics.len()];
+        for batch in batches(set, &ids, config.batch) {
+            let windows: Vec<Window<'_>> = batch.iter().filter_map(|id| set.get(*id)).collect();
+            let mut answers = BTreeMap::new();
+            for asked in &asks {
+                let forecasts = entrant.predict(&windows, *asked)?;
+                done += windows.len();
+                let (model, windows) = (entrant.name(), &windows[..]);
+                watch(&Batch { model, asked: *asked, windows, forecasts: &forecasts, done, total })?;
+                answers.insert(*asked, forecasts);
+            }
+            let contributions: Vec<Vec<Vec<Option<f64>>>> = (0..windows.len())
+                .into_par_iter()
+                .map(|i| contributions(entrant.name(), &windows[i], i, &answers, &metrics))
+                .collect::<Result<_, _>>()?;
+            for ((id, window), by_protocol) in batch.iter().zip(&windows).zip(&contributions) {
+                let Some(recording) = set.recording(*id) else { continue };
+                let vehicle = recording.tracks()[id.track as usize].vehicle;
+                for (sites, row) in gathered.iter_mut().zip(by_protocol) {
+                    let site = window.observation().site();
+                    let gatherer = sites.entry(site).or_insert_with(|| Gatherer::new(row.len()));
+                    gatherer.add(window.observation().recording_name(), vehicle, row);
+                }
+            }
+        }
+        for (protocol, sites) in metrics.keys().zip(gathered) {
+            sheets.push(Sheet::new(entrant, *protocol, sites));
+        }
+    }
+    Ok(Evaluation { setting, metrics, sheets })
+}
+
+impl Sheet {
+    fn new(entrant: &Entrant<'_>, protocol: Protocol, sites: BTreeMap<&str, Gatherer>) -> Self {
+        let mut sums: BTreeMap<String, Sums> =
+            sites.into_iter().map(|(site, gatherer)| (site.to_owned(), gatherer.finish())).collect();
+        let all = Sums::concatenated(sums.values());
+        sums.insert(ALL_SITES.to_owned(), all);
+        Self { model: entrant.name().to_owned(), protocol, future_input: entrant.future_input(), sums }
+    }
+}
+
+impl Evaluation {
+    /// What the scored windows have in common.
+    #[must_use]
+    pub fn setting(&self) -> &Setting {
+        &self.setting
+    }
+
+    /// Every metric with its interval, by model, protocol and site; [`ALL_SITES`] comes last. A
+    /// metric that applies to no window of a site has no score there.
+    #[must_use]
+    pub fn scores(&self, bootstrap: &Bootstrap) -> Vec<Score> {
+        let mut scores = Vec::new();
+        for sheet in &self.sheets {
+            let all = sheet.sums.get_key_value(ALL_SITES);
+            for (site, sums) in sheet.sums.iter().filter(|(site, _)| *site != ALL_SITES).chain(all) {
+                self.score_site(sheet, site, sums, bootstrap, &mut scores);
+            }
+        }
+        scores
+    }
+
+    fn score_site(&self, sheet: &Sheet, site: &str, sums: &Sums, bootstrap: &Bootstrap, scores: &mut Vec<Score>) {
+        let Some(metrics) = self.metrics.get(&sheet.protocol) else { return };
+        let kinds: Vec<_> = metrics.iter().map(|metric| metric.kind).collect();
+        let intervals = bootstrap.intervals(sums, &kinds);
+        for (index, (metric, interval)) in metrics.iter().zip(intervals).enumerate() {
+            let Some(value) = sums.value(index, metric.kind) else { continue };
+            let (windows, vehicles) = sums.counts(index);
+            scores.push(Score {
+                dataset: self.setting.dataset,
+                site: site.to_owned(),
+                model: sheet.model.clone(),
+                protocol: sheet.protocol,
+                metric: metric.kind.name().to_owned(),
+                k: metric.k,
+                horizon_s: metric.horizon_s,
+                value,
+                ci_low: interval.map(|interval| interval.low),
+                ci_high: interval.map(|interval| interval.high),
+                windows,
+                vehicles,
+                simulated: self.setting.simulated,
+                future_input: sheet.future_input,
+            });
+        }
+    }
+
+    /// How much `a` differs from `b` on a site, vehicles resampled for both together: is one better?
+    ///
+    /// # Errors
+    /// When one of them, the metric or the site was not scored under the protocol, or the metric
+    /// applies to different windows.
+    pub fn difference(
+        &self,
+        protocol: Protocol,
+        site: &str,
+        (a, b): (&str, &str),
+        metric: Metric,
+        bootstrap: &Bootstrap,
+    ) -> Result<Difference, EvalError> {
+        let unpaired = |problem| EvalError::Unpaired {
+            a: a.to_owned(),
+            b: b.to_owned(),
+            metric: metric.to_string(),
+            site: site.to_owned(),
+            problem,
+        };
+        let index = self.metrics.get(&protocol).and_then(|metrics| metrics.iter().position(|m| *m == metric));
+        let index = index.ok_or_else(|| unpaired("the protocol was not scored or does not have this metric"))?;
+        let sums = |model: &str| {
+            let sheet = self.sheets.iter().find(|sheet| sheet.model == model && sheet.protocol == protocol)?;
+            sheet.sums.get(site)
+        };
+        let (Some(sums_a), Some(sums_b)) = (sums(a), sums(b)) else {
+            return Err(unpaired("one of the models or the site was not scored"));
+        };
+        let windows = |sums: &Sums| sums.rows().map(|row| row[index].windows).collect::<Vec<_>>();
+        if sums_a.vehicles() != sums_b.vehicles() || windows(sums_a) != windows(sums_b) {
+            return Err(unpaired("they were not scored on the same windows"));
+        }
+        bootstrap
+            .difference(sums_a, sums_b, index, metric.kind)
+            .ok_or_else(|| unpaired("the metric applies to no window there"))
+    }
+}
+
+fn admit(entrants: &[Entrant<'_>], protocols: &[Protocol]) -> Result<(), EvalError> {
+    let mut names = BTreeSet::new();
+    for entrant in entrants {
+        let model = entrant.name().to_owned();
+        let refusing = protocols.iter().find(|protocol| entrant.future_input() && !protocol.allows_future_input());
+        if let Some(protocol) = refusing {
+            return Err(EvalError::FutureInput { model, protocol: protocol.name() });
+        }
+        if !names.insert(model.clone()) {
+            return Err(EvalError::SameName { model });
+        }
+    }
+    Ok(())
+}
+
+/// The windows by recording, instant and vehicle.
+fn in_order(set: &WindowSet<'_>, ids: &[WindowId]) -> Result<Vec<WindowId>, EvalError> {
+    let mut keyed = Vec::with_capacity(ids.len());
+    for id in ids {
+        let window = set.get(*id).ok_or(EvalError::UnknownWindow { id: *id })?;
+        keyed.push(((id.recording, window.observation().frame(), id.track), *id));
+    }
+    keyed.sort_unstable();
+    Ok(keyed.into_iter().map(|(_, id)| id).collect())
+}
+
+fn setting(set: &WindowSet<'_>, ids: &[WindowId]) -> Result<Setting, EvalError> {
+    let recordings: BTreeSet<u32> = ids.iter().map(|id| id.recording).collect();
+    let mut metas = recordings.iter().filter_map(|index| set.recordings().get(*index as usize)).map(|r| r.meta());
+    let first = metas.next().ok_or(EvalError::NoWindows)?;
+    Ok(Setting {
+        dataset: first.dataset,
+        simulated: first.simulated || metas.any(|meta| meta.simulated),
+        rate_hz: set.shape().rate_hz,
+        windows: ids.len(),
+    })
+}
+
+/// Runs of at least `size` windows that end where an instant ends.
+fn batches<'a>(set: &'a WindowSet<'_>, ids: &'a [WindowId], size: usize) -> impl Iterator<Item = &'a [WindowId]> {
+    let instant = |id: &WindowId| (id.recording, set.get(*id).map(|window| window.observation().frame()));
+    let mut rest = ids;
+    std::iter::from_fn(move || {
+        let mut end = size.min(rest.len());
+        while 0 < end && end < rest.len() && instant(&rest[end - 1]) == instant(&rest[end]) {
+            end += 1;
+        }
+        let (batch, after) = rest.split_at(end);
+        rest = after;
+        (!batch.is_empty()).then_some(batch)
+    })
+}
+
+/// What window number `i` of a batch adds to every metric of every protocol.
+fn contributions(
+    model: &str,
+    window: &Window<'_>,
+    i: usize,
+    answers: &BTreeMap<usize, Vec<Forecast>>,
+    metrics: &BTreeMap<Protocol, Vec<Metric>>,
+) -> Result<Vec<Vec<Option<f64>>>, EvalError> {
+    let reference = Reference::of(window);
+    let mut cases = BTreeMap::new();
+    for (asked, forecasts) in answers {
+        let case = Case::new(&reference, &forecasts[i], *asked).map_err(|problem| EvalError::Forecast {
+            model: model.to_owned(),
+            window: window.key(),
+            problem,
+        })?;
+        cases.insert(*asked, case);
+    }
+    let of_protocol = |(protocol, metrics): (&Protocol, &Vec<Metric>)| {
+        let of_metric = |metric: &Metric| metric.contribution(&cases[&protocol.asks()[protocol.answer_for(metric)]]);
+        metrics.iter().map(of_metric).collect()
+    };
+    metrics.iter().map(of_protocol).collect()
+}

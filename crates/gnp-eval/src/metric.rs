@@ -1,0 +1,214 @@
+//! Metrics: each with a name, a unit, a direction, the number of modes it chooses from, what one
+//! window contributes and how the mean contribution becomes the value.
+//!
+//! "Best of k" means the best of the k likeliest modes, and every metric chooses its own: the mode
+//! with the least ADE need not be the one with the least FDE. A forecast with fewer than k modes is
+//! scored on those it has.
+
+mod displacement;
+mod overlap;
+
+use std::fmt;
+
+pub(crate) use crate::metric::overlap::Footprint;
+
+use crate::case::Case;
+use crate::error::EvalError;
+
+/// Beyond this error at the horizon a forecast has missed, m (Argoverse 2).
+pub const MISS_M: f64 = 2.;
+
+/// What a metric measures. `h` is its horizon, "error" the distance between the predicted and the
+/// recorded centre.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum MetricKind {
+    /// Root of the mean squared error at `h`; best of k.
+    RmseAt,
+    /// As [`MetricKind::RmseAt`], squared errors first averaged within each vehicle (as PiP scores).
+    RmseAtByVehicle,
+    /// Root of the mean squared error over all frames up to `h`; best of k.
+    RmseTo,
+    /// As [`MetricKind::RmseTo`], the squared error averaged over the two coordinates: smaller by
+    /// the root of 2. What the GNP paper's RMSE column appears to be.
+    RmseToPerCoordinate,
+    /// Root of the mean squared error across the road at `h`, of the likeliest mode.
+    LateralRmseAt,
+    /// Root of the mean squared error along the road at `h`, of the likeliest mode.
+    LongitudinalRmseAt,
+    /// Root of the mean squared error at `h` of the mean of all modes, weighted by probability.
+    MixtureMeanRmseAt,
+    /// Average displacement error: mean error over all frames up to `h`, of the likeliest mode.
+    Ade,
+    /// Final displacement error: error at `h`, of the likeliest mode.
+    Fde,
+    /// Least ADE among k modes.
+    MinAde,
+    /// Least FDE among k modes.
+    MinFde,
+    /// Share of windows whose least FDE among k modes exceeds [`MISS_M`].
+    MissRate,
+    /// Least FDE among k modes plus (1 - p)², p the probability of that mode among the k
+    /// (Argoverse 2). A number of mixed units, as published.
+    BrierMinFde,
+    /// Share of the k likeliest modes whose centre goes beyond the outermost lines in any frame up
+    /// to `h`.
+    OffRoad,
+    /// Share of the k likeliest modes whose box, turned along the path, overlaps the recorded box
+    /// of another vehicle in any frame up to `h`.
+    Overlap,
+}
+
+/// Unit of a metric's value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Metres.
+    Metre,
+    /// A share, 0 to 1.
+    Share,
+    /// A sum of unlike quantities.
+    Mixed,
+}
+
+/// Which way a metric is better.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Lower is better.
+    Lower,
+    /// Higher is better.
+    Higher,
+}
+
+impl MetricKind {
+    /// Name in score files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::RmseAt => "rmse_at",
+            Self::RmseAtByVehicle => "rmse_at_by_vehicle",
+            Self::RmseTo => "rmse_to",
+            Self::RmseToPerCoordinate => "rmse_to_per_coordinate",
+            Self::LateralRmseAt => "lateral_rmse_at",
+            Self::LongitudinalRmseAt => "longitudinal_rmse_at",
+            Self::MixtureMeanRmseAt => "mixture_mean_rmse_at",
+            Self::Ade => "ade",
+            Self::Fde => "fde",
+            Self::MinAde => "min_ade",
+            Self::MinFde => "min_fde",
+            Self::MissRate => "miss_rate",
+            Self::BrierMinFde => "brier_min_fde",
+            Self::OffRoad => "off_road",
+            Self::Overlap => "overlap",
+        }
+    }
+
+    /// Unit of the value.
+    #[must_use]
+    pub fn unit(self) -> Unit {
+        match self {
+            Self::MissRate | Self::OffRoad | Self::Overlap => Unit::Share,
+            Self::BrierMinFde => Unit::Mixed,
+            _ => Unit::Metre,
+        }
+    }
+
+    /// Which way is better.
+    #[must_use]
+    pub fn direction(self) -> Direction {
+        Direction::Lower
+    }
+
+    /// Whether windows are first averaged within each vehicle.
+    #[must_use]
+    pub(crate) fn by_vehicle(self) -> bool {
+        self == Self::RmseAtByVehicle
+    }
+
+    /// The value, from the mean contribution.
+    #[must_use]
+    pub(crate) fn value(self, mean: f64) -> f64 {
+        match self {
+            Self::RmseAt
+            | Self::RmseAtByVehicle
+            | Self::RmseTo
+            | Self::RmseToPerCoordinate
+            | Self::LateralRmseAt
+            | Self::LongitudinalRmseAt
+            | Self::MixtureMeanRmseAt => mean.sqrt(),
+            _ => mean,
+        }
+    }
+}
+
+/// A metric with its horizon and the number of modes it chooses from.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub struct Metric {
+    /// What is measured.
+    pub kind: MetricKind,
+    /// Modes to choose from, the likeliest k; `None` where all modes enter.
+    pub k: Option<usize>,
+    /// Time up to which, or at which, it is measured, s.
+    pub horizon_s: f64,
+}
+
+impl Metric {
+    /// A metric of the likeliest mode alone.
+    #[must_use]
+    pub fn top_1(kind: MetricKind, horizon_s: f64) -> Self {
+        Self { kind, k: Some(1), horizon_s }
+    }
+
+    /// A metric of the k likeliest modes.
+    #[must_use]
+    pub fn best_of(kind: MetricKind, k: usize, horizon_s: f64) -> Self {
+        Self { kind, k: Some(k), horizon_s }
+    }
+
+    /// A metric of all modes.
+    #[must_use]
+    pub fn of_all(kind: MetricKind, horizon_s: f64) -> Self {
+        Self { kind, k: None, horizon_s }
+    }
+
+    /// What one window adds: the metric's value is a function of the mean of these, so their sums by
+    /// vehicle are all that an interval needs. `None` where the metric does not apply, as off-road
+    /// without lines.
+    ///
+    /// # Errors
+    /// When the window has no frame at the horizon.
+    pub fn contribution(&self, case: &Case<'_>) -> Result<Option<f64>, EvalError> {
+        let frames = case.reference().frames(self.horizon_s)?;
+        let k = self.k.unwrap_or(usize::MAX).clamp(1, case.modes().len());
+        Ok(match self.kind {
+            MetricKind::RmseAt | MetricKind::RmseAtByVehicle => Some(displacement::least_squared_at(case, k, frames)),
+            MetricKind::RmseTo => Some(displacement::least_squared_to(case, k, frames)),
+            MetricKind::RmseToPerCoordinate => Some(displacement::least_squared_to(case, k, frames) / 2.),
+            MetricKind::LateralRmseAt => Some(displacement::squared_along(case, 1, frames)),
+            MetricKind::LongitudinalRmseAt => Some(displacement::squared_along(case, 0, frames)),
+            MetricKind::MixtureMeanRmseAt => Some(displacement::squared_of_mean(case, frames)),
+            MetricKind::Ade => Some(displacement::least_ade(case, 1, frames)),
+            MetricKind::Fde => Some(displacement::least_squared_at(case, 1, frames).sqrt()),
+            MetricKind::MinAde => Some(displacement::least_ade(case, k, frames)),
+            MetricKind::MinFde => Some(displacement::least_squared_at(case, k, frames).sqrt()),
+            MetricKind::MissRate => {
+                let missed = displacement::least_squared_at(case, k, frames).sqrt() > MISS_M;
+                Some(f64::from(u8::from(missed)))
+            }
+            MetricKind::BrierMinFde => Some(displacement::brier_least_fde(case, k, frames)),
+            MetricKind::OffRoad => displacement::share_off_road(case, k, frames),
+            MetricKind::Overlap => Some(overlap::share(case, k, frames)),
+        })
+    }
+}
+
+impl fmt::Display for Metric {
+    /// As `min_fde (k = 6, 5 s)`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.k {
+            Some(k) => write!(f, "{} (k = {k}, {} s)", self.kind.name(), self.horizon_s),
+            None => write!(f, "{} ({} s)", self.kind.name(), self.horizon_s),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

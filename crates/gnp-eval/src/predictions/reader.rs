@@ -1,0 +1,210 @@
+//! Reading prediction files, ours and anyone's.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::ops::Range;
+use std::path::Path;
+
+use gnp_data::{Explanation, Forecast, Mode, WindowKey};
+use parquet::file::reader::{FileReader, SerializedFileReader};
+
+use crate::error::{EvalError, PredictionProblem};
+use crate::predictions::schema::{EXPLAINING, explained};
+use crate::predictions::{Prediction, Predictions};
+
+mod columns;
+
+use columns::{Columns, GroupRows};
+
+/// Longest path that is believed, steps: beyond it a step number is taken for a mistake.
+const MAX_STEPS: i64 = 100_000;
+
+/// How much of a prediction file to read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// Paths and probabilities: all that scoring needs.
+    Paths,
+    /// Goals, forces and strengths as well, where the file has them.
+    Explanations,
+}
+
+/// One row of the file. Explanations stand apart: most readers do without.
+struct Row {
+    scene: u32,
+    vehicle: u32,
+    t0: u32,
+    mode: i64,
+    step: u32,
+    segment: u16,
+    probability: f32,
+    at: [f32; 2],
+    origin: Option<[f32; 2]>,
+    /// Index of the row's explanation.
+    explanation: Option<u32>,
+    /// Row of the file, from 0.
+    row: u64,
+}
+
+/// Reads a Parquet file of predictions; rows may come in any order. Modes are sorted likeliest
+/// first, equally likely ones by their number. The model's name is the one in the file's metadata,
+/// or the file's own.
+///
+/// # Errors
+/// When the file is not Parquet (uncompressed or snappy), a required column is missing or of another
+/// type, a value is missing or no usable number, a mode's steps are not 1, 2, 3, ... once each, its
+/// rows differ in probability, or there is no row. Whether probabilities sum to 1 and paths have the
+/// length of their windows shows when they are scored.
+pub fn read_predictions(path: &Path, detail: Detail) -> Result<Predictions, EvalError> {
+    let file = File::open(path).map_err(|source| EvalError::Io { path: path.into(), source })?;
+    read(file, detail)
+        .map(|(provenance, predictions)| {
+            let stem = || path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+            let name = provenance.get("model").cloned().unwrap_or_else(stem);
+            Predictions { provenance, ..Predictions::new(&name, predictions) }
+        })
+        .map_err(|failure| match failure {
+            Failure::Parquet(source) => EvalError::Parquet { path: path.into(), source },
+            Failure::Problem(problem) => EvalError::Predictions { path: path.into(), problem },
+        })
+}
+
+/// Why reading failed, before the file's name is known.
+enum Failure {
+    Parquet(parquet::errors::ParquetError),
+    Problem(PredictionProblem),
+}
+
+impl From<parquet::errors::ParquetError> for Failure {
+    fn from(source: parquet::errors::ParquetError) -> Self {
+        Self::Parquet(source)
+    }
+}
+
+impl From<PredictionProblem> for Failure {
+    fn from(problem: PredictionProblem) -> Self {
+        Self::Problem(problem)
+    }
+}
+
+type Provenance = BTreeMap<String, String>;
+
+fn read(file: File, detail: Detail) -> Result<(Provenance, Vec<Prediction>), Failure> {
+    let reader = SerializedFileReader::new(file)?;
+    let metadata = reader.metadata().file_metadata();
+    let key_values = metadata.key_value_metadata().into_iter().flatten();
+    let provenance = key_values.filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?))).collect();
+    let columns = Columns::find(metadata.schema_descr(), detail)?;
+    let mut content = Content::default();
+    for group in 0..reader.num_row_groups() {
+        let rows = columns.read(reader.get_row_group(group)?.as_ref(), content.rows.len() as u64)?;
+        content.add(rows)?;
+    }
+    Ok((provenance, content.predictions()?))
+}
+
+/// All rows of a file.
+#[derive(Default)]
+struct Content {
+    scenes: Vec<String>,
+    index: BTreeMap<String, u32>,
+    rows: Vec<Row>,
+    explanations: Vec<[f32; EXPLAINING]>,
+}
+
+impl Content {
+    fn add(&mut self, group: GroupRows) -> Result<(), PredictionProblem> {
+        for i in 0..group.len() {
+            let scene = self.scene(group.scene(i)?);
+            let explanation = group.explanation(i).map(|values| {
+                self.explanations.push(values);
+                (self.explanations.len() - 1) as u32
+            });
+            self.rows.push(Row {
+                scene,
+                vehicle: group.whole(i, "vehicle", 0..1 << 32)? as u32,
+                t0: group.whole(i, "t0", 0..1 << 32)? as u32,
+                mode: group.whole(i, "mode", i64::MIN..i64::MAX)?,
+                step: group.whole(i, "step", 1..MAX_STEPS)? as u32,
+                segment: group.segment(i)?,
+                probability: group.number(i, "probability")?,
+                at: [group.number(i, "x")?, group.number(i, "y")?],
+                origin: group.origin(i),
+                explanation,
+                row: group.row(i),
+            });
+        }
+        Ok(())
+    }
+
+    fn scene(&mut self, name: &str) -> u32 {
+        // Rows of one scene mostly follow one another.
+        if let Some(last) = self.rows.last().filter(|row| self.scenes[row.scene as usize] == name) {
+            return last.scene;
+        }
+        if let Some(scene) = self.index.get(name) {
+            return *scene;
+        }
+        let scene = self.scenes.len() as u32;
+        self.scenes.push(name.to_owned());
+        self.index.insert(name.to_owned(), scene);
+        scene
+    }
+
+    fn predictions(mut self) -> Result<Vec<Prediction>, PredictionProblem> {
+        if self.rows.is_empty() {
+            return Err(PredictionProblem::Empty);
+        }
+        self.rows.sort_unstable_by_key(|row| (row.scene, row.vehicle, row.t0, row.mode, row.step, row.row));
+        let windows = self.rows.chunk_by(|a, b| (a.scene, a.vehicle, a.t0) == (b.scene, b.vehicle, b.t0));
+        windows.map(|rows| self.prediction(rows)).collect()
+    }
+
+    /// The prediction made of the rows of one window, sorted by mode and step.
+    fn prediction(&self, rows: &[Row]) -> Result<Prediction, PredictionProblem> {
+        let first = &rows[0];
+        let key = WindowKey {
+            recording: self.scenes[first.scene as usize].clone(),
+            vehicle: first.vehicle,
+            segment: first.segment,
+            t0: first.t0,
+        };
+        let modes = rows.chunk_by(|a, b| a.mode == b.mode).map(|rows| self.mode(&key, rows));
+        let mut modes = modes.collect::<Result<Vec<_>, _>>()?;
+        modes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        Ok(Prediction { key, origin: first.origin, forecast: Forecast { modes } })
+    }
+
+    /// The mode made of its rows, sorted by step.
+    fn mode(&self, window: &WindowKey, rows: &[Row]) -> Result<Mode, PredictionProblem> {
+        let fail = |row: &Row, problem| PredictionProblem::Rows {
+            window: window.clone(),
+            mode: row.mode,
+            row: row.row,
+            problem,
+        };
+        let probability = rows[0].probability;
+        for (row, expected) in rows.iter().zip(1..) {
+            if row.step != expected {
+                let problem = format!("step {} where {expected} was due; each step from 1 stands once", row.step);
+                return Err(fail(row, problem));
+            }
+            if row.probability != probability {
+                let problem = format!("probability {}, {probability} in the mode's first row", row.probability);
+                return Err(fail(row, problem));
+            }
+        }
+        let steps = rows.iter().map(|row| row.explanation.map(|i| explained(&self.explanations[i as usize])));
+        let explanation = steps
+            .collect::<Option<Vec<_>>>()
+            .map(|steps| Explanation { goal: steps[0].0, steps: steps.into_iter().map(|(_, step)| step).collect() });
+        Ok(Mode { probability, path: rows.iter().map(|row| row.at).collect(), explanation })
+    }
+}
+
+/// Whether a whole number lies in a range, and what to say if not.
+fn within(value: i64, range: &Range<i64>) -> Result<i64, String> {
+    if range.contains(&value) {
+        return Ok(value);
+    }
+    Err(format!("is {value}, needed is {} to {}", range.start, range.end - 1))
+}

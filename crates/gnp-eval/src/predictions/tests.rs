@@ -1,0 +1,311 @@
+//! Round trips, foreign files and files that cannot be used.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gnp_data::{Dataset, Explanation, Mode, StepForces};
+use parquet::basic::Type as PhysicalType;
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
+
+use super::*;
+use crate::error::{EvalError, PredictionProblem};
+
+fn key(recording: &str, vehicle: u32, t0: u32) -> WindowKey {
+    WindowKey { recording: recording.to_owned(), vehicle, segment: 3, t0 }
+}
+
+fn provenance() -> Provenance {
+    Provenance { model: "gnp".to_owned(), dataset: Dataset::HighD, rate_hz: 5., simulated: true, future_input: false }
+}
+
+/// A mode of `steps` steps whose every number differs.
+fn mode(probability: f32, steps: usize, start: f32, explained: bool) -> Mode {
+    let step = |j: usize| {
+        let base = start + 100. * j as f32;
+        StepForces {
+            goal: [base + 0.1, base + 0.2],
+            neighbours: [base + 0.3, base + 0.4],
+            lines: [base + 0.5, base + 0.6],
+            by_slot: std::array::from_fn(|slot| [base + slot as f32, base - slot as f32]),
+            tau: base + 0.7,
+            k_slots: std::array::from_fn(|slot| base + 10. * slot as f32),
+            k_lines: Vec::new(),
+        }
+    };
+    Mode {
+        probability,
+        path: (0..steps).map(|j| [start + j as f32 / 3., -start - j as f32]).collect(),
+        explanation: explained
+            .then(|| Explanation { goal: [start, 2. * start], steps: (0..steps).map(step).collect() }),
+    }
+}
+
+fn samples(explained: bool) -> Vec<Prediction> {
+    let forecast = |modes: Vec<Mode>| Forecast { modes };
+    vec![
+        Prediction {
+            key: key("us101-2", 4_000_000_000, 17),
+            origin: Some([812.25, -3.5]),
+            forecast: forecast(vec![
+                mode(0.6, 5, 1.5, explained),
+                mode(0.3, 5, 2.5, explained),
+                mode(0.1, 5, 3.5, false),
+            ]),
+        },
+        Prediction {
+            key: key("us101-1", 7, 30),
+            origin: Some([1., 2.]),
+            forecast: forecast(vec![mode(1., 5, -4.5, explained)]),
+        },
+    ]
+}
+
+fn write(path: &Path, predictions: &[Prediction]) {
+    let mut writer = PredictionWriter::create(path, &provenance()).unwrap();
+    for prediction in predictions {
+        writer.write(&prediction.key, prediction.origin.unwrap(), &prediction.forecast).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+fn sorted(mut predictions: Vec<Prediction>) -> Vec<Prediction> {
+    predictions.sort_by(|a, b| a.key.cmp(&b.key));
+    predictions
+}
+
+#[test]
+fn predictions_come_back_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    for explained in [true, false] {
+        let written = sorted(samples(explained));
+        write(&path, &written);
+        let read = read_predictions(&path, Detail::Explanations).unwrap();
+        assert_eq!(read.iter().cloned().collect::<Vec<_>>(), written);
+        assert_eq!((read.len(), read.name()), (2, "gnp"));
+        assert_eq!(read.provenance()["simulated"], "true");
+        assert_eq!(read.provenance()["rate_hz"], "5");
+        assert!(read.provenance()["units"].contains("x m,"));
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
+}
+
+#[test]
+fn paths_can_be_read_without_explanations() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    write(&path, &samples(true));
+    let read = read_predictions(&path, Detail::Paths).unwrap();
+    let forecast = &read.get(&key("us101-2", 4_000_000_000, 17)).unwrap().forecast;
+    assert!(forecast.modes.iter().all(|mode| mode.explanation.is_none()));
+    assert_eq!(forecast.modes[1].path, samples(true)[0].forecast.modes[1].path);
+}
+
+/// More rows than one row group holds: nothing is lost or doubled where groups meet.
+#[test]
+fn row_groups_join_without_a_seam() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    let many: Vec<Prediction> = (0..700)
+        .map(|i| Prediction {
+            key: key("r", i, 5 * i),
+            origin: Some([0., i as f32]),
+            forecast: Forecast { modes: vec![mode(0.75, 100, i as f32, false), mode(0.25, 100, 0.5, false)] },
+        })
+        .collect();
+    write(&path, &many);
+    let parquet = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+    assert_eq!(parquet.num_row_groups(), 3);
+    let read = read_predictions(&path, Detail::Paths).unwrap();
+    assert_eq!(read.iter().cloned().collect::<Vec<_>>(), many);
+}
+
+#[test]
+fn the_file_has_the_published_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    write(&path, &samples(true));
+    let parquet = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+    let schema = parquet.metadata().file_metadata().schema_descr();
+    let found: Vec<String> = schema.columns().iter().map(|column| column.path().string()).collect();
+    let published: Vec<String> = prediction_columns().into_iter().map(|column| column.name).collect();
+    assert_eq!(found, published);
+}
+
+#[test]
+fn an_unfinished_file_never_appears() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    let mut writer = PredictionWriter::create(&path, &provenance()).unwrap();
+    writer.write(&key("r", 1, 2), [0.; 2], &samples(false)[1].forecast).unwrap();
+    drop(writer);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    let missing = PredictionWriter::create(&folder.path().join("none/predictions.parquet"), &provenance());
+    assert!(matches!(missing.err(), Some(EvalError::Io { .. })));
+}
+
+/// Somebody else's file: other widths, other order of columns and rows, no metadata.
+struct Foreign {
+    message: String,
+    scene: Vec<&'static str>,
+    /// vehicle, t0, mode, step.
+    whole: [Vec<i64>; 4],
+    /// probability, x, y; `None` is a null.
+    number: [Vec<Option<f64>>; 3],
+}
+
+impl Foreign {
+    /// One window, two modes, two steps, rows backwards.
+    fn new() -> Self {
+        let columns = "REQUIRED DOUBLE y; OPTIONAL DOUBLE x;".to_owned();
+        Self {
+            message: format!(
+                "message m {{ REQUIRED INT64 step; {columns} REQUIRED DOUBLE probability; REQUIRED INT64 mode;
+                 REQUIRED INT64 t0; REQUIRED INT64 vehicle; REQUIRED BYTE_ARRAY recording (UTF8); }}"
+            ),
+            scene: vec!["a"; 4],
+            whole: [vec![9; 4], vec![40; 4], vec![5, 5, 2, 2], vec![2, 1, 2, 1]],
+            number: [
+                [0.7, 0.7, 0.3, 0.3].map(Some).to_vec(),
+                [4., 3., 2., 1.].map(Some).to_vec(),
+                [-4., -3., -2., -1.].map(Some).to_vec(),
+            ],
+        }
+    }
+
+    fn write(&self, folder: &Path) -> PathBuf {
+        let path = folder.join("foreign.parquet");
+        let schema = Arc::new(parse_message_type(&self.message).unwrap());
+        let file = File::create(&path).unwrap();
+        let mut writer =
+            SerializedFileWriter::new(file, schema.clone(), Arc::new(WriterProperties::builder().build())).unwrap();
+        let mut group = writer.next_row_group().unwrap();
+        for field in schema.get_fields() {
+            let mut column = group.next_column().unwrap().unwrap();
+            let index = |names: &[&str]| names.iter().position(|name| *name == field.name());
+            let double = field.get_physical_type() == PhysicalType::DOUBLE;
+            if let Some(i) = index(&["vehicle", "t0", "mode", "step"]).filter(|_| double) {
+                let values: Vec<f64> = self.whole[i].iter().map(|value| *value as f64).collect();
+                column.typed::<DoubleType>().write_batch(&values, None, None).unwrap();
+            } else if let Some(i) = index(&["vehicle", "t0", "mode", "step"]) {
+                column.typed::<Int64Type>().write_batch(&self.whole[i], None, None).unwrap();
+            } else if let Some(i) = index(&["probability", "x", "y"]) {
+                let values: Vec<f64> = self.number[i].iter().flatten().copied().collect();
+                let levels: Vec<i16> = self.number[i].iter().map(|value| i16::from(value.is_some())).collect();
+                column.typed::<DoubleType>().write_batch(&values, Some(&levels), None).unwrap();
+            } else {
+                let scenes: Vec<ByteArray> =
+                    self.scene.iter().map(|s| ByteArray::from(s.as_bytes().to_vec())).collect();
+                column.typed::<ByteArrayType>().write_batch(&scenes, None, None).unwrap();
+            }
+            column.close().unwrap();
+        }
+        group.close().unwrap();
+        writer.close().unwrap();
+        path
+    }
+
+    fn problem(&self) -> PredictionProblem {
+        let folder = tempfile::tempdir().unwrap();
+        match read_predictions(&self.write(folder.path()), Detail::Explanations) {
+            Err(EvalError::Predictions { problem, path }) => {
+                assert!(path.ends_with("foreign.parquet"));
+                problem
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn a_foreign_file_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = read_predictions(&Foreign::new().write(folder.path()), Detail::Explanations).unwrap();
+    assert_eq!(read.name(), "foreign");
+    let expected = Prediction {
+        key: WindowKey { recording: "a".to_owned(), vehicle: 9, segment: 0, t0: 40 },
+        origin: None,
+        forecast: Forecast {
+            modes: vec![
+                Mode { probability: 0.7, path: vec![[3., -3.], [4., -4.]], explanation: None },
+                Mode { probability: 0.3, path: vec![[1., -1.], [2., -2.]], explanation: None },
+            ],
+        },
+    };
+    assert_eq!(read.iter().collect::<Vec<_>>(), [&expected]);
+}
+
+#[test]
+fn cells_without_a_usable_value_are_named() {
+    let cell = |row, column: &str, problem: &str| PredictionProblem::Cell {
+        row,
+        column: column.to_owned(),
+        problem: problem.to_owned(),
+    };
+    let with = |change: fn(&mut Foreign)| {
+        let mut foreign = Foreign::new();
+        change(&mut foreign);
+        foreign.problem()
+    };
+    assert_eq!(with(|f| f.number[1][2] = None), cell(2, "x", "is null"));
+    assert_eq!(with(|f| f.number[2][1] = Some(f64::NAN)), cell(1, "y", "is NaN, not finite"));
+    assert_eq!(with(|f| f.number[2][1] = Some(1e300)), cell(1, "y", "is inf, not finite"));
+    assert_eq!(with(|f| f.whole[0][3] = -1), cell(3, "vehicle", "is -1, needed is 0 to 4294967295"));
+    assert_eq!(with(|f| f.whole[3][0] = 0), cell(0, "step", "is 0, needed is 1 to 99999"));
+}
+
+#[test]
+fn rows_that_make_no_path_are_named() {
+    let with = |change: fn(&mut Foreign)| {
+        let mut foreign = Foreign::new();
+        change(&mut foreign);
+        foreign.problem().to_string()
+    };
+    let doubled = with(|f| f.whole[3][0] = 1);
+    assert!(doubled.contains("vehicle 9, frame 40, mode 5, row 1: step 1 where 2 was due"), "{doubled}");
+    let skipped = with(|f| f.whole[3][2] = 3);
+    assert!(skipped.contains("mode 2, row 2: step 3 where 2 was due"), "{skipped}");
+    let unequal = with(|f| f.number[0][0] = Some(0.6));
+    assert!(unequal.contains("mode 5, row 0: probability 0.6, 0.7 in the mode's first row"), "{unequal}");
+}
+
+#[test]
+fn columns_that_are_missing_or_of_another_type_are_named() {
+    let with = |from: &str, to: &str| {
+        let mut foreign = Foreign::new();
+        foreign.message = foreign.message.replace(from, to);
+        foreign.problem()
+    };
+    assert_eq!(with("REQUIRED INT64 mode;", ""), PredictionProblem::MissingColumn { column: "mode" });
+    let number = with("REQUIRED INT64 t0", "REQUIRED DOUBLE t0");
+    assert!(matches!(&number, PredictionProblem::ColumnType { column, .. } if column == "t0"), "{number}");
+}
+
+#[test]
+fn what_is_no_prediction_file_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    assert!(matches!(read_predictions(&path, Detail::Paths), Err(EvalError::Io { .. })));
+    std::fs::write(&path, "scene,vehicle\n").unwrap();
+    assert!(matches!(read_predictions(&path, Detail::Paths), Err(EvalError::Parquet { .. })));
+    write(&path, &samples(true));
+    let whole = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+    assert!(matches!(read_predictions(&path, Detail::Paths), Err(EvalError::Parquet { .. })));
+    write(&path, &[]);
+    let empty = read_predictions(&path, Detail::Paths).unwrap_err();
+    assert!(matches!(empty, EvalError::Predictions { problem: PredictionProblem::Empty, .. }), "{empty}");
+}
+
+#[test]
+fn fewer_modes_than_the_file_has_are_renormalised() {
+    let two = first_modes(&samples(false)[0].forecast, 2);
+    let probabilities: Vec<f32> = two.modes.iter().map(|mode| mode.probability).collect();
+    assert!((probabilities[0] - 2. / 3.).abs() < 1e-6 && (probabilities[1] - 1. / 3.).abs() < 1e-6);
+    assert_eq!(first_modes(&two, 20), two);
+}

@@ -1,0 +1,139 @@
+//! Score files: `metrics.json`.
+
+use std::io::Write;
+use std::path::Path;
+
+use gnp_data::Dataset;
+use serde::{Deserialize, Serialize};
+
+use crate::error::EvalError;
+use crate::protocol::Protocol;
+
+/// In place of a site: all sites together.
+pub const ALL_SITES: &str = "all";
+
+/// One number: a metric of one model on one site under one protocol.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Score {
+    /// The data family.
+    pub dataset: Dataset,
+    /// The site, such as `us-101`, or [`ALL_SITES`].
+    pub site: String,
+    /// Name of the model.
+    pub model: String,
+    /// The protocol.
+    pub protocol: Protocol,
+    /// Name of the metric, such as `rmse_at`.
+    pub metric: String,
+    /// Modes chosen from; null where all modes enter.
+    pub k: Option<usize>,
+    /// Time at which, or up to which, it was measured, s.
+    pub horizon_s: f64,
+    /// The value.
+    pub value: f64,
+    /// Lower end of the 95 % interval; null with fewer than two vehicles.
+    pub ci_low: Option<f64>,
+    /// Upper end of the 95 % interval; null with fewer than two vehicles.
+    pub ci_high: Option<f64>,
+    /// Windows that entered.
+    pub windows: u64,
+    /// Vehicles that entered.
+    pub vehicles: usize,
+    /// Whether any recording that was scored is simulated.
+    pub simulated: bool,
+    /// Whether the model is handed recorded futures.
+    pub future_input: bool,
+}
+
+/// Writes scores as a JSON array, one a line; the file appears whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn save_scores(path: &Path, scores: &[Score]) -> Result<(), EvalError> {
+    let mut text = String::from("[");
+    for (i, score) in scores.iter().enumerate() {
+        let line = serde_json::to_string(score).map_err(|source| EvalError::Json { path: path.into(), source })?;
+        text += if i == 0 { "\n" } else { ",\n" };
+        text += &line;
+    }
+    text += "\n]\n";
+    let io = |source| EvalError::Io { path: path.into(), source };
+    let mut file = beside(path).map_err(io)?;
+    file.write_all(text.as_bytes()).map_err(io)?;
+    file.persist(path).map_err(|error| io(error.error))?;
+    Ok(())
+}
+
+/// Reads what [`save_scores`] wrote.
+///
+/// # Errors
+/// When the file cannot be read or is not a list of scores.
+pub fn load_scores(path: &Path) -> Result<Vec<Score>, EvalError> {
+    let text = std::fs::read_to_string(path).map_err(|source| EvalError::Io { path: path.into(), source })?;
+    serde_json::from_str(&text).map_err(|source| EvalError::Json { path: path.into(), source })
+}
+
+/// A temporary file in the folder of `path`, to be renamed to it.
+pub(crate) fn beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    tempfile::NamedTempFile::new_in(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn score(k: Option<usize>, ci: Option<f64>) -> Score {
+        Score {
+            dataset: Dataset::HighD,
+            site: "highd-2".to_owned(),
+            model: "gnp".to_owned(),
+            protocol: Protocol::Clean,
+            metric: "min_fde".to_owned(),
+            k,
+            horizon_s: 5.,
+            value: 0.1 + 0.2,
+            ci_low: ci,
+            ci_high: ci.map(|low| low + 1.),
+            windows: 120,
+            vehicles: 7,
+            simulated: true,
+            future_input: false,
+        }
+    }
+
+    #[test]
+    fn scores_come_back_as_they_were() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.json");
+        let scores = [score(Some(6), Some(0.25)), score(None, None)];
+        save_scores(&path, &scores).unwrap();
+        assert_eq!(load_scores(&path).unwrap(), scores);
+        let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        let keys: Vec<&str> = json[1].as_object().unwrap().keys().map(String::as_str).collect();
+        assert_eq!(keys.len(), 14);
+        assert_eq!(json[0]["dataset"], "highd");
+        assert_eq!(json[0]["protocol"], "clean");
+        assert!(json[1]["k"].is_null() && json[1]["ci_low"].is_null());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
+    }
+
+    #[test]
+    fn no_scores_are_an_empty_list() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.json");
+        save_scores(&path, &[]).unwrap();
+        assert_eq!(load_scores(&path).unwrap(), []);
+    }
+
+    #[test]
+    fn a_foreign_file_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("other.json");
+        std::fs::write(&path, "[{\"site\": \"us-101\"}]").unwrap();
+        let error = load_scores(&path).unwrap_err();
+        assert!(matches!(error, EvalError::Json { .. }) && error.to_string().contains("other.json"), "{error}");
+        assert!(matches!(load_scores(&folder.path().join("none.json")), Err(EvalError::Io { .. })));
+    }
+}
