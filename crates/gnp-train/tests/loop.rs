@@ -4,7 +4,7 @@
 // clippy.toml allows these inside test functions alone; the toy and its files stand outside.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,6 +28,8 @@ struct Line {
     validation: usize,
     nan_at: Option<u64>,
     steps: Cell<u64>,
+    /// Windows and seed of every step.
+    asked: RefCell<Vec<(Vec<usize>, u64)>>,
 }
 
 impl Line {
@@ -42,6 +44,7 @@ impl Line {
             validation: 5,
             nan_at: None,
             steps: Cell::new(0),
+            asked: RefCell::default(),
         }
     }
 
@@ -75,6 +78,7 @@ impl Stage for Line {
     }
 
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
+        self.asked.borrow_mut().push((batch.to_vec(), step_seed));
         let xs: Vec<f32> = batch.iter().map(|i| *i as f32 / 10.).collect();
         let mut rng = ChaCha8Rng::seed_from_u64(step_seed);
         let noise: Vec<f32> = xs.iter().map(|_| rng.random_range(-0.1..0.1)).collect();
@@ -200,6 +204,24 @@ fn the_same_seed_gives_the_same_bits_and_another_one_does_not() {
     };
     assert_eq!(run(8), run(8));
     assert_ne!(run(8).0, run(9).0);
+}
+
+#[test]
+fn every_epoch_sees_every_window_once_in_an_order_and_with_seeds_of_its_own() {
+    let line = Line::new();
+    train(&TrainConfig { epochs: 3, ..config() }, &line);
+    let asked = line.asked.borrow();
+    let mut seeds: Vec<u64> = asked.iter().map(|(_, seed)| *seed).collect();
+    seeds.sort_unstable();
+    seeds.dedup();
+    assert_eq!(seeds.len(), 3 * 4);
+    let orders: Vec<Vec<usize>> =
+        asked.chunks(4).map(|epoch| epoch.iter().flat_map(|(windows, _)| windows.clone()).collect()).collect();
+    assert!(orders[0] != orders[1] && orders[1] != orders[2] && orders[0] != orders[2], "{orders:?}");
+    for mut order in orders {
+        order.sort_unstable();
+        assert_eq!(order, (0..11).collect::<Vec<_>>());
+    }
 }
 
 #[test]
