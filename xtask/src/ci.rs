@@ -1,0 +1,67 @@
+//! The project's checks, cheapest first; `.ci/run` and README call this.
+
+use std::path::Path;
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+
+use crate::terminal::{Terminal, duration};
+use crate::tidy;
+
+/// A cargo command with the environment it needs.
+struct Step {
+    name: &'static str,
+    arguments: &'static [&'static str],
+    environment: &'static [(&'static str, &'static str)],
+}
+
+const FORMAT: Step = Step { name: "format", arguments: &["fmt", "--all", "--", "--check"], environment: &[] };
+
+const COMPILED: [Step; 3] = [
+    Step {
+        name: "clippy",
+        arguments: &["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"],
+        environment: &[],
+    },
+    Step {
+        name: "doc",
+        arguments: &["doc", "--workspace", "--no-deps"],
+        environment: &[("RUSTDOCFLAGS", "--deny warnings")],
+    },
+    // Last, and nothing is printed after it: the output ends with the test harness's own lines.
+    Step { name: "test", arguments: &["test", "--workspace"], environment: &[] },
+];
+
+/// Runs format, tidy, clippy, doc and test; stops at the first that fails.
+///
+/// # Errors
+/// Names the step that failed.
+pub(crate) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
+    step(root, terminal, &FORMAT)?;
+    let started = Instant::now();
+    terminal.note("ci: tidy");
+    tidy::run(root)?;
+    terminal.note(&format!("ci: tidy passed in {}", duration(started.elapsed())));
+    COMPILED.iter().try_for_each(|one| step(root, terminal, one))
+}
+
+fn step(root: &Path, terminal: &Terminal, step: &Step) -> Result<()> {
+    let started = Instant::now();
+    let line = step.arguments.join(" ");
+    terminal.note(&format!("ci: {} (cargo {line})", step.name));
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let status = Command::new(cargo)
+        .args(step.arguments)
+        .envs(step.environment.iter().copied())
+        .current_dir(root)
+        .status()
+        .with_context(|| format!("cannot start cargo for the step {}", step.name))?;
+    if !status.success() {
+        bail!("ci: {} failed ({status}); run `cargo {line}` to see it alone", step.name);
+    }
+    if step.name != "test" {
+        terminal.note(&format!("ci: {} passed in {}", step.name, duration(started.elapsed())));
+    }
+    Ok(())
+}

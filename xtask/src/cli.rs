@@ -1,0 +1,233 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use gnp_data::Dataset;
+
+use crate::config::Setting;
+
+/// GNP: goal-based neural physics for predicting vehicles on motorways.
+///
+/// Recordings go in (NGSIM or highD, as they are downloaded); a trained model, its intention modes,
+/// trajectories with the forces behind them, and a table of errors come out.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", version, max_term_width = 100)]
+#[command(after_help = "\
+Examples:
+  cargo xtask pipeline --dataset ngsim                 the embedded real NGSIM scenes, everything
+  cargo xtask pipeline --dataset highd --data-dir D    a folder of real highD recordings
+  cargo xtask eval --run runs/ngsim --data-dir D --out scores
+  cargo xtask ci                                       the project's own checks")]
+pub(crate) struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Run everything: ingest, modes, goal, attraction, repulsion, evaluation.
+    #[command(after_help = "\
+Examples:
+  cargo xtask pipeline --dataset ngsim
+  cargo xtask pipeline --dataset ngsim --out runs/short --set goal.epochs=3 --set modes.modes=40
+  cargo xtask pipeline --resume --out runs/short       go on after Ctrl-C or a power cut
+  cargo xtask pipeline --config configs/paper/highd.toml --data-dir D --device cuda
+
+Exit code: 0 done, 1 error, 2 wrong use, 130 interrupted (a checkpoint is kept).")]
+    Pipeline {
+        /// Which run.
+        #[command(flatten)]
+        run: RunArgs,
+        /// On what.
+        #[command(flatten)]
+        machine: MachineArgs,
+    },
+    /// Read recordings, report their quality, cut windows and split them: starts a run folder.
+    #[command(after_help = "\
+Examples:
+  cargo xtask ingest --dataset ngsim --out runs/ngsim
+  cargo xtask ingest --dataset highd --data-dir D --describe")]
+    Ingest {
+        /// Which run.
+        #[command(flatten)]
+        run: RunArgs,
+        /// Print which files and columns are read, with their units, and what is found; write nothing.
+        #[arg(long)]
+        describe: bool,
+        /// On what.
+        #[command(flatten)]
+        machine: MachineArgs,
+    },
+    /// Cluster the futures of the training windows into intention modes.
+    Modes(StageArgs),
+    /// Train the goal network.
+    Goal(StageArgs),
+    /// Train the goal attraction, the first half of the neural social force.
+    Attraction(StageArgs),
+    /// Train the repulsion of vehicles and lane lines, the second half.
+    Repulsion(StageArgs),
+    /// Score the trained model and the baselines on the test part of the run.
+    Evaluate(StageArgs),
+    /// Score a finished run on other recordings; all of their windows are test windows.
+    #[command(after_help = "\
+Example:
+  cargo xtask eval --run runs/ngsim --data-dir D --out scores")]
+    Eval(EvalArgs),
+    /// Run the project's checks: format, tidy, clippy, docs, tests.
+    Ci,
+    /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
+    Tidy,
+}
+
+/// Which data, which configuration, where to.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct RunArgs {
+    /// Kind of data; picks configs/ngsim.toml or configs/highd.toml unless --config is given.
+    #[arg(long, value_enum)]
+    pub(crate) dataset: Option<DatasetName>,
+    /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// Configuration; every key must be written in it.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Run folder to write [default: runs/ and the name of the configuration].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Go on with an unfinished run folder: finished stages are skipped, a training continues.
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Override a key of the configuration, such as goal.epochs=3; repeatable.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<Setting>,
+}
+
+/// A stage of an existing run folder.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct StageArgs {
+    /// The run folder; `cargo xtask ingest` starts one.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// Do a finished stage over; stages that build on it must then be run again too.
+    #[arg(long)]
+    pub(crate) again: bool,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to score, on what, where to.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct EvalArgs {
+    /// The finished run whose model is scored.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// Folder (or file) of other recordings of the same kind and rate.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data_dir: PathBuf,
+    /// Folder for the scores and predictions; must not exist or be empty.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// The machine, and how much is said.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct MachineArgs {
+    /// Where tensors live; cuda and metal need a build with the feature of that name.
+    #[arg(long, value_enum, default_value_t = DeviceName::Cpu)]
+    pub(crate) device: DeviceName,
+    /// Number of threads [default: all cores]; results do not depend on it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) threads: Option<u16>,
+    /// No progress, only warnings and tables.
+    #[arg(long, short)]
+    pub(crate) quiet: bool,
+}
+
+/// `--dataset`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DatasetName {
+    /// US-101 and I-80, 10 Hz; embedded: real scenes.
+    Ngsim,
+    /// highD, 25 Hz; embedded: simulated recordings in its layout.
+    Highd,
+}
+
+impl DatasetName {
+    /// As on the command line and in file names.
+    pub(crate) fn as_str(self) -> &'static str {
+        match self {
+            Self::Ngsim => "ngsim",
+            Self::Highd => "highd",
+        }
+    }
+}
+
+impl From<DatasetName> for Dataset {
+    fn from(name: DatasetName) -> Self {
+        match name {
+            DatasetName::Ngsim => Self::Ngsim,
+            DatasetName::Highd => Self::HighD,
+        }
+    }
+}
+
+impl From<Dataset> for DatasetName {
+    fn from(dataset: Dataset) -> Self {
+        match dataset {
+            Dataset::Ngsim => Self::Ngsim,
+            Dataset::HighD => Self::Highd,
+        }
+    }
+}
+
+/// `--device`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DeviceName {
+    /// The processor.
+    Cpu,
+    /// The first NVIDIA GPU.
+    Cuda,
+    /// The GPU of an Apple computer.
+    Metal,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn settings_and_flags_are_understood() {
+        let cli = Cli::try_parse_from(["xtask", "pipeline", "--dataset", "highd", "--set", "goal.epochs=3", "--quiet"]);
+        let Command::Pipeline { run, machine } = cli.unwrap().command else { panic!("not pipeline") };
+        assert_eq!(run.dataset.map(Dataset::from), Some(Dataset::HighD));
+        assert_eq!(run.set, [Setting { key: "goal.epochs".into(), text: "3".into() }]);
+        assert!(machine.quiet && machine.device == DeviceName::Cpu);
+    }
+
+    #[test]
+    fn wrong_use_is_refused() {
+        for line in [
+            &["xtask"][..],
+            &["xtask", "pipeline", "--dataset", "waymo"],
+            &["xtask", "goal"],
+            &["xtask", "pipeline", "--dataset", "ngsim", "--set", "goal.epochs"],
+            &["xtask", "pipeline", "--dataset", "ngsim", "--threads", "0"],
+        ] {
+            assert!(Cli::try_parse_from(line).is_err(), "{line:?}");
+        }
+    }
+}

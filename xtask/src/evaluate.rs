@@ -1,0 +1,151 @@
+//! Scores on the test part: the model, its goal head, and predictors without a network.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::{Result, anyhow};
+use gnp_baselines::{ConstantAcceleration, ConstantVelocity};
+use gnp_data::{Predictor as _, Split, Window, WindowId, WindowSet};
+use gnp_eval::{
+    Entrant, EvalConfig, EvalError, PredictionWriter, Provenance, Score, TableHead, evaluate, save_scores, tables,
+};
+use gnp_model::{Gnp, NeighbourFuture};
+
+use crate::config::RunConfig;
+use crate::modes::kinds;
+use crate::run_folder::{DataState, write};
+use crate::session::Session;
+use crate::stop::{self, Interrupted, STOP};
+use crate::terminal::Terminal;
+
+/// What is scored, and how that is said.
+pub(crate) struct Scoring<'a> {
+    /// Folder of the trained model.
+    pub(crate) model: &'a Path,
+    /// Folder for scores and predictions.
+    pub(crate) out: &'a Path,
+    /// All windows.
+    pub(crate) set: &'a WindowSet<'a>,
+    /// Those that are scored.
+    pub(crate) ids: &'a [WindowId],
+    /// How the windows were parted.
+    pub(crate) split: String,
+    /// The recordings.
+    pub(crate) data: &'a DataState,
+    /// Of the run that the model comes from.
+    pub(crate) config: &'a RunConfig,
+}
+
+/// Scores a run on its test part.
+///
+/// # Errors
+/// When the model does not fit the windows or a file cannot be written.
+pub(crate) fn run(session: &Session) -> Result<()> {
+    let set = session.windows()?;
+    let split = Split::load(&set, &session.folder.path("split.json"))?;
+    let leaks = if split.leaks() { " (leaks)" } else { "" };
+    let scoring = Scoring {
+        model: session.folder.root(),
+        out: session.folder.root(),
+        set: &set,
+        ids: split.test(),
+        split: format!("{}{leaks}", kinds(split.kinds())),
+        data: &session.folder.state.data,
+        config: &session.config,
+    };
+    score(&scoring, session)
+}
+
+/// Scores and predicts; writes `metrics.json`, `metrics.md` and `predictions.parquet`.
+///
+/// # Errors
+/// As [`run`].
+pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
+    let terminal = session.terminal();
+    let config = scoring.config;
+    let neighbours = match config.predict.neighbours {
+        // Told the future it is scored apart; here it goes without.
+        NeighbourFuture::Oracle => NeighbourFuture::ConstantVelocity,
+        other => other,
+    };
+    let gnp = Gnp::load(scoring.model, neighbours, &session.machine.device)?;
+    let (goal_head, oracle) = (gnp.goal_head(), gnp.oracle());
+    let (velocity, acceleration) = (ConstantVelocity::default(), ConstantAcceleration::default());
+    let entrants = [
+        Entrant::Predictor(&gnp),
+        Entrant::Predictor(&goal_head),
+        Entrant::Predictor(&velocity),
+        Entrant::Predictor(&acceleration),
+    ];
+    let mut scores = scores(scoring, &entrants, &config.evaluate, terminal)?;
+    let told: Vec<_> = config.evaluate.protocols.iter().copied().filter(|p| p.allows_future_input()).collect();
+    if config.predict.neighbours == NeighbourFuture::Oracle && !told.is_empty() {
+        let informed = EvalConfig { protocols: told, ..config.evaluate.clone() };
+        scores.extend(self::scores(scoring, &[Entrant::Informed(&oracle)], &informed, terminal)?);
+    }
+    predictions(scoring, gnp.explaining(true), terminal)?;
+    save_scores(&scoring.out.join("metrics.json"), &scores)?;
+    let tables = tables(&scores, &TableHead { split: scoring.split.clone(), rate_hz: scoring.set.shape().rate_hz });
+    let mut markdown = heading(scoring);
+    terminal.result(&format!("\nScored on {}", scoring.data.words));
+    for table in &tables {
+        terminal.result(&format!("\n{}", table.terminal()));
+        let _ = write!(markdown, "\n{}\n", table.markdown().trim_end());
+    }
+    write(&scoring.out.join("metrics.md"), markdown.as_bytes())
+}
+
+fn heading(scoring: &Scoring<'_>) -> String {
+    let RunConfig { seed, predict, evaluate, .. } = scoring.config;
+    format!(
+        "# Scores\n\nOn {}. Seed {seed}; neighbours in the future: `{}`. Lengths in m. Intervals: middle 95 % of {} \
+         draws of vehicles with replacement. Top-1 and best of k are different quantities.\n",
+        scoring.data.words,
+        predict.neighbours.name(),
+        evaluate.bootstrap.resamples
+    )
+}
+
+fn scores(
+    scoring: &Scoring<'_>,
+    entrants: &[Entrant<'_>],
+    config: &EvalConfig,
+    terminal: &Terminal,
+) -> Result<Vec<Score>> {
+    let mut work = None;
+    let evaluation = evaluate(scoring.set, scoring.ids, entrants, config, &mut |batch| {
+        let work = work.get_or_insert_with(|| terminal.work("evaluate", batch.total as u64, "forecasts"));
+        work.at(batch.done as u64, batch.model);
+        if STOP.load(std::sync::atomic::Ordering::SeqCst) { Err(EvalError::Stopped) } else { Ok(()) }
+    });
+    match evaluation {
+        Err(EvalError::Stopped) => Err(Interrupted.into()),
+        other => Ok(other?.scores(&config.bootstrap)),
+    }
+}
+
+/// Writes forecasts of the model with their forces.
+fn predictions(scoring: &Scoring<'_>, gnp: Gnp, terminal: &Terminal) -> Result<()> {
+    let provenance = Provenance {
+        model: gnp.name().to_owned(),
+        dataset: scoring.config.dataset,
+        rate_hz: scoring.set.shape().rate_hz,
+        simulated: scoring.data.simulated,
+        future_input: false,
+    };
+    let mut writer = PredictionWriter::create(&scoring.out.join("predictions.parquet"), &provenance)?;
+    let work = terminal.work("predictions", scoring.ids.len() as u64, "windows");
+    let mut done = 0;
+    for ids in scoring.ids.chunks(scoring.config.evaluate.batch) {
+        stop::check()?;
+        let windows: Vec<Window<'_>> = ids.iter().filter_map(|id| scoring.set.get(*id)).collect();
+        let seen: Vec<_> = windows.iter().map(Window::observation).collect();
+        let forecasts = gnp.predict(&seen, scoring.config.predict.k).map_err(|error| anyhow!(error))?;
+        for (seen, forecast) in seen.iter().zip(&forecasts) {
+            writer.write(&seen.key(), seen.origin(), forecast)?;
+        }
+        done += ids.len() as u64;
+        work.at(done, "");
+    }
+    Ok(writer.finish()?)
+}

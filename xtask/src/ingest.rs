@@ -1,0 +1,168 @@
+//! Ingest: recordings are read one at a time, reported on and kept in columns.
+
+use std::fs;
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+use comfy_table::{CellAlignment, Table, presets};
+use gnp_data::{DataError, Expectation, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality, RecordingDrops, read};
+use serde::{Deserialize, Serialize};
+
+use crate::config::RunConfig;
+use crate::memory;
+use crate::run_folder::{DataState, write, write_json};
+use crate::source::Found;
+use crate::stop;
+use crate::terminal::Terminal;
+
+/// Folder of the kept recordings in a run folder.
+pub(crate) const RECORDINGS: &str = "recordings";
+
+/// `ingest.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct IngestReport {
+    /// Where the recordings come from.
+    pub(crate) data: DataState,
+    /// Every recording, in the order of the files.
+    pub(crate) recordings: Vec<RecordingReport>,
+    /// Time to read, check and keep them all, s.
+    pub(crate) seconds: f64,
+    /// Rows of the files read in a second.
+    pub(crate) rows_per_second: f64,
+    /// Largest resident size so far, where the system tells.
+    pub(crate) peak_memory_bytes: Option<u64>,
+}
+
+/// One recording of `ingest.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct RecordingReport {
+    /// Where it is kept, from the run folder.
+    pub(crate) file: String,
+    /// What was found in it.
+    pub(crate) quality: Quality,
+    /// What becomes of its candidate windows.
+    pub(crate) windows: RecordingDrops,
+}
+
+/// Reads every source into `folder`, one at a time: memory does not grow with their number.
+///
+/// # Errors
+/// The first thing that is wrong with a recording; when no track is long enough for a window.
+pub(crate) fn run(found: Found, config: &RunConfig, folder: &Path, terminal: &Terminal) -> Result<IngestReport> {
+    let expect = Expectation { dataset: config.dataset, rate_hz: Some(config.data.rate_hz) };
+    let kept = folder.join(RECORDINGS);
+    fs::create_dir(&kept).with_context(|| format!("cannot make the folder {}", kept.display()))?;
+    let work = terminal.work("ingest", found.sources.len() as u64, "files");
+    let started = Instant::now();
+    let mut recordings: Vec<RecordingReport> = Vec::new();
+    let (mut rows, mut longest_s) = (0u64, 0f64);
+    for (done, source) in found.sources.iter().enumerate() {
+        stop::check()?;
+        work.at(done as u64, &source.name);
+        for (index, (recording, mut quality)) in read(source, &expect)?.into_iter().enumerate() {
+            let name = &recording.meta().name;
+            if recordings.iter().any(|earlier| earlier.quality.recording == *name) {
+                bail!("{}: a second recording called {name}; put each recording into the folder once", source.name);
+            }
+            let windows = config.windows.count(&recording)?;
+            let frames = recording.tracks().iter().map(|track| track.rows.len()).max().unwrap_or(0);
+            longest_s = longest_s.max(frames.saturating_sub(1) as f64 / recording.meta().rate_hz);
+            rows += quality.rows_read;
+            let file = format!("{RECORDINGS}/{:04}-{}.rec", recordings.len(), plain(name));
+            recording.save(&folder.join(&file))?;
+            if index == 0 {
+                quality.notes.extend(source.notes.iter().cloned());
+            }
+            recordings.push(RecordingReport { file, quality, windows });
+        }
+    }
+    work.finish();
+    if recordings.iter().all(|report| report.windows.windows == 0) {
+        let needed_s = config.windows.observed_s + config.windows.predicted_s;
+        return Err(DataError::NoWindow { needed_s, longest_s }.into());
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    let report = IngestReport {
+        data: found.data,
+        recordings,
+        seconds,
+        rows_per_second: rows as f64 / seconds.max(1e-9),
+        peak_memory_bytes: memory::peak(),
+    };
+    write_json(&folder.join("ingest.json"), &report)?;
+    let text = report.text();
+    write(&folder.join("ingest.txt"), text.as_bytes())?;
+    terminal.result(&text);
+    terminal.note(&format!(
+        "ingest: {rows} rows in {seconds:.2} s, {:.2} million rows/s; peak memory {}",
+        report.rows_per_second / 1e6,
+        memory::peak_text()
+    ));
+    Ok(report)
+}
+
+/// Letters, digits, `-`, `_` and `.`; a file name on every system.
+fn plain(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()
+}
+
+impl IngestReport {
+    /// The table for people.
+    pub(crate) fn text(&self) -> String {
+        let mut table = Table::new();
+        table.load_preset(presets::UTF8_HORIZONTAL_ONLY).set_header([
+            "recording", "site", "rows", "vehicles", "duplicates", "gaps", "jumps", "overlaps", "lane flips", "lanes",
+            "windows", "cut by gap", "too short", "past end",
+        ]);
+        let mut total = [0u64; 11];
+        for report in &self.recordings {
+            let (q, w) = (&report.quality, &report.windows);
+            let lanes = match q.lanes {
+                LaneSource::Given => "given",
+                LaneSource::Fitted => "fitted",
+                LaneSource::Absent => "none",
+            };
+            let counts = [q.rows, q.vehicles, q.duplicates + q.conflicts, q.gaps, q.jumps, q.overlaps, q.lane_flips];
+            let windows = [w.windows, w.gap, w.track_too_short, w.past_track_end].map(|n| n as u64);
+            for (sum, n) in total.iter_mut().zip(counts.iter().chain(&windows)) {
+                *sum += n;
+            }
+            table.add_row(row(&q.recording, &q.site, lanes, &counts, &windows));
+        }
+        table.add_row(row("all", "", "", &total[..7], &total[7..]));
+        for column in table.column_iter_mut().skip(2) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        let mut text = format!("Recordings: {}\n{table}\n", self.data.words);
+        text.push_str(&format!(
+            "Jumps: rows faster than {JUMP_SPEED} m/s or with more than {JUMP_ACCELERATION} m/s² over half a second; kept.\n\
+             Overlaps: pairs of boxes by frame. Windows left out: cut by a gap, track too short, past the end of the track.\n"
+        ));
+        for report in &self.recordings {
+            for (reason, rows) in &report.quality.skipped_rows {
+                text.push_str(&format!("{}: {rows} rows left out: {reason}\n", report.quality.recording));
+            }
+            for note in &report.quality.notes {
+                text.push_str(&format!("{}: {note}\n", report.quality.recording));
+            }
+        }
+        text
+    }
+}
+
+fn row(name: &str, site: &str, lanes: &str, counts: &[u64], windows: &[u64]) -> Vec<String> {
+    let start = [name.to_owned(), site.to_owned()].into_iter();
+    let counts = counts.iter().map(u64::to_string);
+    start.chain(counts).chain([lanes.to_owned()]).chain(windows.iter().map(u64::to_string)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_become_file_names() {
+        assert_eq!(plain("us-101 07:50/a.b"), "us-101_07_50_a.b");
+    }
+}

@@ -1,0 +1,30 @@
+//! How much memory the program has used.
+
+/// Largest resident size so far in bytes; `None` where the system does not tell (all but Linux).
+pub(crate) fn peak() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    parse(&status)
+}
+
+/// Reads the `VmHWM:  123 kB` line of a process status.
+fn parse(status: &str) -> Option<u64> {
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib * 1024)
+}
+
+/// [`peak`] for people.
+pub(crate) fn peak_text() -> String {
+    peak().map_or_else(|| "unknown".to_owned(), |bytes| format!("{:.0} MB", bytes as f64 / 1e6))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_the_high_water_mark() {
+        assert_eq!(parse("Name:\tx\nVmPeak:\t  99 kB\nVmHWM:\t    2048 kB\nVmRSS:\t 1 kB\n"), Some(2_097_152));
+        assert_eq!(parse("Name:\tx\n"), None);
+    }
+}

@@ -1,0 +1,157 @@
+//! The main job, stage by stage, on a run folder.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+use gnp_model::Part;
+
+use crate::cli::{MachineArgs, RunArgs, StageArgs};
+use crate::config::RunConfig;
+use crate::run_folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
+use crate::session::{Machine, Session};
+use crate::stop::Interrupted;
+use crate::terminal::duration;
+use crate::{evaluate, ingest, memory, modes, project, source, training};
+
+/// `pipeline`: everything that is not finished yet.
+///
+/// # Errors
+/// The first stage's that fails.
+pub(crate) fn run(run: &RunArgs, machine: &MachineArgs) -> Result<()> {
+    let started = Instant::now();
+    let mut session = begin(run, machine)?;
+    for stage in Stage::ALL {
+        perform(&mut session, stage)?;
+    }
+    let root = session.folder.root().display();
+    session.terminal().note(&format!(
+        "done in {}, peak memory {}: {root}\n  scores: {root}/metrics.md; curves: tensorboard --logdir {root}/events",
+        duration(started.elapsed()),
+        memory::peak_text()
+    ));
+    Ok(())
+}
+
+/// `ingest`: starts a run folder.
+///
+/// # Errors
+/// What is wrong with the recordings.
+pub(crate) fn ingest_only(run: &RunArgs, machine: &MachineArgs) -> Result<()> {
+    let session = begin(run, machine)?;
+    let root = session.folder.root().display();
+    session.terminal().note(&format!("{root} is ready; next: cargo xtask modes --run {root}"));
+    Ok(())
+}
+
+/// A stage command on an existing run folder.
+///
+/// # Errors
+/// When an earlier stage is missing, or the stage fails.
+pub(crate) fn one_stage(args: &StageArgs, stage: Stage) -> Result<()> {
+    let folder = RunFolder::open(&args.run)?;
+    let config = RunConfig::read(&folder.path("config.toml"), &[])?;
+    let mut session = Session::new(folder, config, Machine::start(&args.machine)?);
+    say_data(&session);
+    if args.again {
+        session.folder.forget(stage)?;
+    }
+    perform(&mut session, stage)
+}
+
+/// Opens the run folder that the command line names, or starts it with ingest.
+fn begin(run: &RunArgs, machine: &MachineArgs) -> Result<Session> {
+    let resumed = match &run.out {
+        Some(out) if run.resume && occupied(out)? => Some(out.clone()),
+        _ => None,
+    };
+    if let Some(root) = resumed {
+        return resume(run, machine, &root);
+    }
+    if run.resume && run.out.is_none() {
+        let (_, name) = RunConfig::resolve(run)?;
+        let root = default_out(&name);
+        if occupied(&root)? {
+            return resume(run, machine, &root);
+        }
+    }
+    let (config, name) = RunConfig::resolve(run)?;
+    let root = run.out.clone().unwrap_or_else(|| default_out(&name));
+    start(run, config, Machine::start(machine)?, &root)
+}
+
+fn default_out(name: &str) -> PathBuf {
+    project::root().join("runs").join(name)
+}
+
+fn resume(run: &RunArgs, machine: &MachineArgs, root: &Path) -> Result<Session> {
+    let folder = RunFolder::open(root)?;
+    let config = RunConfig::read(&folder.path("config.toml"), &[])?;
+    if run.config.is_some() || !run.set.is_empty() || run.dataset.is_some_and(|name| config.dataset != name.into()) {
+        let (asked, _) = RunConfig::resolve(run)?;
+        asked.expect_same(&config, root)?;
+    }
+    if let Some(dir) = &run.data_dir
+        && *dir != folder.state.data.dir
+    {
+        let then = folder.state.data.dir.display();
+        bail!("{} was made from {then}; resume without --data-dir, or take another --out", root.display());
+    }
+    let session = Session::new(folder, config, Machine::start(machine)?);
+    say_data(&session);
+    Ok(session)
+}
+
+/// Ingests into a new run folder, which appears when everything is read.
+fn start(run: &RunArgs, config: RunConfig, machine: Machine, root: &Path) -> Result<Session> {
+    let draft = Draft::start(root, "go on with it by --resume, or take another --out")?;
+    let found = source::find(&config, run.data_dir.as_deref())?;
+    machine.terminal.result(&format!("Data: {}", found.data.words));
+    let started = Instant::now();
+    let ingested = ingest::run(found, &config, draft.path(), &machine.terminal);
+    let report = ingested.map_err(|error| {
+        if error.is::<Interrupted>() { error.context("nothing was written") } else { error }
+    })?;
+    write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
+    write_state(draft.path(), &RunState::new(config.seed, report.data))?;
+    let mut folder = RunFolder::open(&draft.publish()?)?;
+    folder.finish(Stage::Ingest, started.elapsed().as_secs_f64())?;
+    Ok(Session::new(folder, config, machine))
+}
+
+fn say_data(session: &Session) {
+    session.terminal().result(&format!("Data: {}", session.folder.state.data.words));
+}
+
+/// Does a stage unless it is finished.
+fn perform(session: &mut Session, stage: Stage) -> Result<()> {
+    let name = stage.name();
+    if session.folder.has(stage) {
+        if stage != Stage::Ingest {
+            session.terminal().note(&format!("{name}: finished before"));
+        }
+        return Ok(());
+    }
+    session.folder.require(stage)?;
+    let started = Instant::now();
+    let root = session.folder.root().display().to_string();
+    let done = match stage {
+        Stage::Ingest => bail!("{root} has no recordings; start a new run with `cargo xtask ingest`"),
+        Stage::Modes => modes::run(session).map(Some),
+        Stage::Goal => training::run(session, Part::Goal).map(|()| None),
+        Stage::Attraction => training::run(session, Part::Attraction).map(|()| None),
+        Stage::Repulsion => training::run(session, Part::Repulsion).map(|()| None),
+        Stage::Evaluate => evaluate::run(session).map(|()| None),
+    };
+    let done = match done {
+        Err(error) if error.is::<Interrupted>() => {
+            let go_on = format!("what is done is kept; go on with `cargo xtask pipeline --resume --out {root}`");
+            return Err(error.context(go_on));
+        }
+        other => other.with_context(|| format!("{name} failed"))?,
+    };
+    if let Some(split_hash) = done {
+        session.folder.state.split_hash = split_hash;
+    }
+    session.folder.finish(stage, started.elapsed().as_secs_f64())
+}

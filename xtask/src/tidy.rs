@@ -1,0 +1,44 @@
+//! Rules of the project that the compiler does not know.
+//!
+//! The map in `docs/architecture.md` is true, gnp-force stands alone, every source file says what it
+//! is, stays readable in length and has a name that means something, and no file names somebody's
+//! machine.
+
+mod files;
+mod map;
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+
+/// Checks everything and prints each finding.
+///
+/// # Errors
+/// When there is a finding, or the project cannot be read.
+pub(crate) fn run(root: &Path) -> Result<()> {
+    let findings = findings(root)?;
+    if findings.is_empty() {
+        return Ok(());
+    }
+    for finding in &findings {
+        eprintln!("tidy: {finding}");
+    }
+    bail!("tidy: {} to put right", if findings.len() == 1 { "one thing".into() } else { format!("{} things", findings.len()) })
+}
+
+fn findings(root: &Path) -> Result<Vec<String>> {
+    let mut findings = map::check(root)?;
+    findings.extend(files::check(root)?);
+    Ok(findings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_project_is_tidy() {
+        let root = crate::project::root();
+        assert_eq!(findings(&root).unwrap(), Vec::<String>::new());
+    }
+}

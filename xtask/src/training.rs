@@ -1,0 +1,128 @@
+//! The three trainings: goal, attraction, repulsion.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Result, bail};
+use gnp_data::{Split, WindowSet};
+use gnp_goal::GoalNet;
+use gnp_model::{Features, Header, Part};
+use gnp_modes::Modes;
+use gnp_nn::Weights;
+use gnp_train::{
+    BatchReport, Checkpoints, End, EventWriter, GoalStage, History, Observer, PathStage, Plan, Stage, TrainConfig,
+    TrainError, Trainer, Windows,
+};
+use gnp_traj::SocialForce;
+
+use crate::session::Session;
+use crate::stop::{Interrupted, STOP};
+use crate::terminal::{Terminal, Work, duration};
+
+/// Trains one part of the model, from its last checkpoint if there is one. The best weights are
+/// left in `PART.safetensors`, the curves in `history-PART.json` and `events/`.
+///
+/// # Errors
+/// When the training fails; [`Interrupted`] when the user asked to stop.
+pub(crate) fn run(session: &Session, part: Part) -> Result<()> {
+    let set = session.windows()?;
+    let (split, features) = session.parted(&set)?;
+    let config = &session.config;
+    let weights = Weights::seeded(config.seed, &session.machine.device);
+    let parts = [Windows::new(&set, split.train()), Windows::new(&set, split.validation())];
+    let header = header(session, part, &set, &split, &features);
+    match part {
+        Part::Goal => {
+            let modes = Modes::load(&session.folder.path("modes.safetensors"))?;
+            let net = GoalNet::new(&config.goal.net, features.goal_shape(), weights.builder())?;
+            let stage = GoalStage::new(net, &weights, &features, &modes, parts, &config.goal.loss)?;
+            train(session, &stage, &config.goal.train, Checkpoints::new(session.folder.root(), header, &weights))
+        }
+        Part::Attraction => {
+            let force = SocialForce::new(&config.traj, weights.builder())?;
+            let stage = PathStage::attraction(force, &weights, &features, parts, &config.attraction.loss)?;
+            train(session, &stage, &config.attraction.train, Checkpoints::new(session.folder.root(), header, &weights))
+        }
+        Part::Repulsion => {
+            let force = SocialForce::new(&config.traj, weights.builder())?;
+            let attraction = Header { part: Part::Attraction, ..header.clone() };
+            Checkpoints::new(session.folder.root(), attraction, &weights).restore_best()?;
+            let neighbours = config.predict.neighbours;
+            let stage = PathStage::repulsion(force, &weights, &features, parts, neighbours, &config.repulsion.loss)?;
+            train(session, &stage, &config.repulsion.train, Checkpoints::new(session.folder.root(), header, &weights))
+        }
+    }
+}
+
+/// What the weights are.
+fn header(session: &Session, part: Part, set: &WindowSet<'_>, split: &Split, features: &Features) -> Header {
+    let (state, config) = (&session.folder.state, &session.config);
+    Header {
+        part,
+        dataset: config.dataset,
+        simulated: state.data.simulated,
+        shape: set.shape(),
+        features: features.clone(),
+        goal: (part == Part::Goal).then(|| config.goal.net.clone()),
+        traj: (part != Part::Goal).then(|| config.traj.clone()),
+        seed: config.seed,
+        code_version: env!("CARGO_PKG_VERSION").to_owned(),
+        split_hash: split.hash().to_owned(),
+        epoch: 0,
+        scores: BTreeMap::new(),
+        trainer: None,
+    }
+}
+
+fn train(session: &Session, stage: &dyn Stage, config: &TrainConfig, mut checkpoints: Checkpoints) -> Result<()> {
+    let name = stage.name();
+    let last = checkpoints.last()?;
+    let events = EventWriter::create(&session.folder.path("events"))?;
+    let watch = Watch { terminal: session.terminal(), work: None, done: 0 };
+    let mut trainer = Trainer { config, sink: &mut checkpoints, observer: (watch, events), stop: &STOP };
+    let started = std::time::Instant::now();
+    let outcome = match &last {
+        Some(state) => trainer.resume(stage, state)?,
+        None => trainer.fit(stage)?,
+    };
+    drop(trainer);
+    let history = History { stage: name.to_owned(), epochs: outcome.progress.history.clone() };
+    history.save(&session.folder.path(format!("history-{name}.json")))?;
+    if outcome.end == End::Interrupted {
+        return Err(Interrupted.into());
+    }
+    let Some(best) = outcome.progress.best else { bail!("{name}: no epoch was finished; set {name}.epochs above 0") };
+    let early = if outcome.end == End::EarlyStopped { ", stopped early" } else { "" };
+    session.terminal().note(&format!(
+        "{name}: {} epochs in {}{early}; best validation score {:.4} in epoch {}",
+        outcome.progress.epoch,
+        duration(started.elapsed()),
+        best.score,
+        best.epoch
+    ));
+    Ok(())
+}
+
+/// Shows a training as it goes.
+struct Watch<'a> {
+    terminal: &'a Terminal,
+    work: Option<Work>,
+    done: u64,
+}
+
+impl Observer for Watch<'_> {
+    fn on_start(&mut self, plan: &Plan) -> Result<(), TrainError> {
+        self.done = plan.done;
+        let work = self.terminal.work(plan.stage, (plan.epochs * plan.batches) as u64, "batches");
+        work.at(self.done, "");
+        self.work = Some(work);
+        Ok(())
+    }
+
+    fn on_batch(&mut self, report: &BatchReport) -> Result<(), TrainError> {
+        self.done += 1;
+        if let Some(work) = &self.work {
+            work.at(self.done, &format!("epoch {}, loss {:.4}", report.epoch, report.loss));
+        }
+        Ok(())
+    }
+}
