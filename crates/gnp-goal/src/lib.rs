@@ -34,6 +34,7 @@ mod attention;
 mod block;
 mod config;
 mod error;
+mod fused;
 mod loss;
 mod net;
 mod pick;

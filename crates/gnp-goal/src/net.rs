@@ -7,6 +7,7 @@ use gnp_nn::{Dropout, linear};
 use crate::block::{Block, BlockMasks};
 use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
 use crate::error::GoalError;
+use crate::fused;
 use crate::pick::{Pick, rows};
 
 /// Goal prediction: modes as tokens, weighed against the observation and the neighbours.
@@ -23,6 +24,7 @@ pub struct GoalNet {
     goal: Linear,
     nobody: Option<Tensor>,
     slot: Option<Tensor>,
+    graph: bool,
 }
 
 /// What [`GoalNet::forward`] gives.
@@ -73,7 +75,16 @@ impl GoalNet {
             slot: config.slot_code.then(|| learned(&[shape.slots, width], "slot")).transpose()?,
             config: config.clone(),
             shape,
+            graph: false,
         })
+    }
+
+    /// The same network as a graph of candle's own operations, on the CPU too. Other devices always
+    /// run it so; on the CPU it is several times slower, and the reference for the fused form.
+    #[must_use]
+    pub fn as_graph(mut self) -> Self {
+        self.graph = true;
+        self
     }
 
     /// Logits of all modes, and futures of those that `pick` names.
@@ -102,14 +113,20 @@ impl GoalNet {
         let batch = self.check(observed, neighbours, mask, modes, pick)?;
         let modes = modes.flatten_from(1)?;
         // Modes are embedded once a batch, not once a window.
-        let embedded = self.mode.forward(&modes)?.unsqueeze(0)?;
-        let mut x = embedded.broadcast_add(&self.observed.forward(observed)?.unsqueeze(1)?)?;
+        let (embedded, observed) = (self.mode.forward(&modes)?, self.observed.forward(observed)?);
+        let fused = !self.graph && fused::runs_on(&embedded);
+        let run = if fused { Block::fused } else { Block::graph };
+        let mut x = if fused {
+            fused::outer_sum(&embedded, &observed)?
+        } else {
+            embedded.unsqueeze(0)?.broadcast_add(&observed.unsqueeze(1)?)?
+        };
         for block in &self.encoder {
-            x = block.forward(&x, &x, None, BlockMasks::draw(dropout.as_deref_mut()))?;
+            x = run(block, &x, None, BlockMasks::draw(dropout.as_deref_mut()))?;
         }
         let (keys, mask) = self.keys(neighbours, mask)?;
         let masks = BlockMasks::draw(dropout);
-        let decode = |x: &Tensor| self.decoder.forward(x, &keys, Some(&mask), masks);
+        let decode = |x: &Tensor| run(&self.decoder, x, Some((&keys, &mask)), masks);
         let logits = |x: &Tensor| self.probability.forward(x)?.squeeze(D::Minus1);
         let (logits, decoded, indices) = match self.config.probability {
             ProbabilityHead::Encoder => {

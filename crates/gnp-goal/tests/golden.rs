@@ -19,6 +19,15 @@ fn close(name: &str, found: &Tensor, expected: &Tensor) {
 
 #[test]
 fn outputs_and_gradients_are_those_of_pytorch() {
+    compare(|net| net);
+}
+
+#[test]
+fn so_are_those_of_the_graph() {
+    compare(GoalNet::as_graph);
+}
+
+fn compare(form: impl Fn(GoalNet) -> GoalNet) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/golden.safetensors");
     let golden: HashMap<String, Tensor> = candle_core::safetensors::load(path, &Device::Cpu).unwrap();
     let of = |prefix: &str| -> Vec<(&str, &Tensor)> {
@@ -39,7 +48,7 @@ fn outputs_and_gradients_are_those_of_pytorch() {
         slot_code: false,
     };
     let shape = GoalShape { observed: 24, neighbour: 24, slots: 4, t_pred: 5 };
-    let net = GoalNet::new(&config, shape, weights.builder()).unwrap();
+    let net = form(GoalNet::new(&config, shape, weights.builder()).unwrap());
     assert_eq!(weights.named().len(), of("goal.weight.").len(), "a weight the reference does not have");
 
     let pick = Pick::Indices(get("pick").to_dtype(DType::U32).unwrap());

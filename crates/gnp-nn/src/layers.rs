@@ -39,6 +39,14 @@ pub fn layer_norm(width: usize, vb: VarBuilder) -> Result<LayerNorm> {
     Ok(LayerNorm { weight, bias })
 }
 
+impl LayerNorm {
+    /// Weight and bias, each `[width]`, for operations that normalise themselves.
+    #[must_use]
+    pub fn affine(&self) -> (&Tensor, &Tensor) {
+        (&self.weight, &self.bias)
+    }
+}
+
 impl Module for LayerNorm {
     fn forward(&self, x: &Tensor) -> Result<Tensor> {
         const EPSILON: f64 = 1e-5;
