@@ -272,6 +272,17 @@ pub enum DataError {
         /// First frame of a window in a part that it should not be in.
         frame: u32,
     },
+    /// A split that leaks between recordings.
+    #[error(
+        "recordings {first} and {second} show the same vehicles and stand in two parts of the split; \
+         make the split anew"
+    )]
+    SharedVehicles {
+        /// Name of the first recording.
+        first: String,
+        /// Name of the second recording.
+        second: String,
+    },
     /// A split of other recordings.
     #[error("the split names windows that these recordings do not hold; take the recordings it was made of")]
     ForeignSplit,

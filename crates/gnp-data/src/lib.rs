@@ -17,6 +17,7 @@ mod predictor;
 mod quality;
 mod reader;
 mod recording;
+pub mod schema;
 mod split;
 mod standardise;
 mod velocity;

@@ -77,3 +77,12 @@ fn check_rate(file: &Path, recording: &str, found_hz: f64, expected_hz: Option<f
         _ => Ok(()),
     }
 }
+
+/// Columns the readers take of a dataset's tables.
+#[cfg(test)]
+pub(crate) fn columns_read(dataset: Dataset) -> Vec<&'static str> {
+    match dataset {
+        Dataset::Ngsim => ngsim::KNOWN.to_vec(),
+        Dataset::HighD => [&highd::TRACKS[..], &highd::TRACKS_META, &highd::RECORDING_META].concat(),
+    }
+}

@@ -32,9 +32,9 @@ pub fn discover(path: &Path, dataset: Dataset) -> Result<Vec<Source>, DataError>
     };
     let mut found = Found::default();
     match (only, dataset) {
-        (Some(file), Dataset::Ngsim) => found.files.push((file.to_owned(), root.join(SIMULATED).exists())),
-        (Some(_), Dataset::HighD) => found.folder(root, false, false)?,
-        (None, _) => found.folder(root, false, true)?,
+        (Some(file), Dataset::Ngsim) => found.files.push((file.to_owned(), marked(root)?)),
+        (Some(_), Dataset::HighD) => found.folder(root, marked(root)?, false)?,
+        (None, _) => found.folder(root, marked(root)?, true)?,
     }
     let mut sources = match dataset {
         Dataset::Ngsim => ngsim_sources(root, &mut found)?,
@@ -52,6 +52,12 @@ pub fn discover(path: &Path, dataset: Dataset) -> Result<Vec<Source>, DataError>
     }
     sources.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(sources)
+}
+
+/// Whether a folder or one above it is marked as simulated.
+fn marked(folder: &Path) -> Result<bool, DataError> {
+    let whole = folder.canonicalize().map_err(|source| DataError::Io { file: folder.into(), source })?;
+    Ok(whole.ancestors().any(|folder| folder.join(SIMULATED).is_file()))
 }
 
 /// Files that may be tables, each with whether it is marked as simulated.

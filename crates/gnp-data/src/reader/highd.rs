@@ -26,7 +26,7 @@ pub(super) enum Part {
 }
 
 /// Columns that are read of `NN_tracks.csv`.
-const TRACKS: [&str; 17] = [
+pub(super) const TRACKS: [&str; 17] = [
     "frame",
     "id",
     "x",
@@ -47,7 +47,7 @@ const TRACKS: [&str; 17] = [
 ];
 
 /// Columns that are read of `NN_tracksMeta.csv`.
-const TRACKS_META: [&str; 5] = ["id", "width", "height", "class", "drivingDirection"];
+pub(super) const TRACKS_META: [&str; 5] = ["id", "width", "height", "class", "drivingDirection"];
 
 /// Columns from which `NN_tracksMeta.csv` is recognised, should one of [`TRACKS_META`] be missing.
 const TRACKS_META_KNOWN: [&str; 8] = [
@@ -62,7 +62,7 @@ const TRACKS_META_KNOWN: [&str; 8] = [
 ];
 
 /// Columns that are read of `NN_recordingMeta.csv`.
-const RECORDING_META: [&str; 4] = ["frameRate", "locationId", "upperLaneMarkings", "lowerLaneMarkings"];
+pub(super) const RECORDING_META: [&str; 4] = ["frameRate", "locationId", "upperLaneMarkings", "lowerLaneMarkings"];
 
 /// No vehicle is faster, m/s.
 const MAX_SPEED: f32 = 70.;
@@ -210,7 +210,12 @@ fn read_bodies(table: &Table) -> Result<Vec<(u32, Body)>, DataError> {
             "truck" | "bus" => VehicleClass::Truck,
             "motorcycle" => VehicleClass::Motorcycle,
             _ => {
-                return Err(table.bad_value(row, class, word, "is none of Car, Van, Truck, Bus, Motorcycle; repair it"));
+                return Err(table.bad_value(
+                    row,
+                    class,
+                    word,
+                    "is none of Car, Van, Truck, Bus, Motorcycle; repair it",
+                ));
             }
         };
         let road = match directions[row] {

@@ -18,7 +18,7 @@ use crate::quality::Quality;
 use crate::recording::{Dataset, Recording, RecordingMeta, Road, VehicleClass};
 
 /// The columns of a period's file, which has no header in the official text form.
-pub(super) const COLUMNS: [&str; 18] = [
+const COLUMNS: [&str; 18] = [
     "Vehicle_ID",
     "Frame_ID",
     "Total_Frames",
@@ -40,7 +40,7 @@ pub(super) const COLUMNS: [&str; 18] = [
 ];
 
 /// Columns from which a header is recognised: those that are read.
-const KNOWN: [&str; 10] = [
+pub(super) const KNOWN: [&str; 10] = [
     "Vehicle_ID",
     "Frame_ID",
     "Global_Time",
@@ -266,9 +266,10 @@ fn build(
     let at = |i: usize| group.rows.get(i).map_or(i, |row| *row as usize);
     let count = group.rows.len(raw.vehicle.len());
     let moments = Moments { vehicle: &raw.vehicle, frame: &raw.frame, time: &raw.time };
-    let rate_hz = moments.rate(group, RATE);
+    let steps = moments.steps(group);
+    let rate_hz = steps.rate(RATE);
     check_rate(&table.file, &name, rate_hz, expect.rate_hz)?;
-    if let stride @ 2.. = moments.stride(group) {
+    if let stride @ 2.. = steps.stride() {
         // Rows left out: the frames that remain are numbered as if none were missing.
         let found_hz = rate_hz / f64::from(stride);
         let expected_hz = expect.rate_hz.unwrap_or(rate_hz);

@@ -16,8 +16,8 @@ const BIN: i64 = 10_000;
 /// Time between frames of NGSIM, ms.
 const FRAME_PERIOD: i64 = 100;
 
-/// Rows at which rate and stride are measured.
-const SAMPLE: usize = 20_000;
+/// Vehicles by which rate and stride are measured.
+const SAMPLE: usize = 64;
 
 /// Which vehicle, frame and time (ms) every row of a file has.
 pub(super) struct Moments<'a> {
@@ -131,25 +131,44 @@ impl Moments<'_> {
         self.time[row] - FRAME_PERIOD * i64::from(self.frame[row])
     }
 
-    /// Frames and ms from row to row of one vehicle, at the first rows of a group.
-    fn steps(&self, group: &Group) -> impl Iterator<Item = (u32, i64)> {
-        let at = |i: usize| group.rows.get(i).map_or(i, |row| *row as usize);
-        let count = group.rows.len(self.vehicle.len()).min(SAMPLE);
-        (1..count).map(move |i| (at(i - 1), at(i))).filter_map(|(a, b)| {
-            let frames = self.frame[b].checked_sub(self.frame[a]).filter(|frames| *frames > 0)?;
-            (self.vehicle[a] == self.vehicle[b]).then(|| (frames, self.time[b] - self.time[a]))
-        })
+    /// Frames and ms from each frame to the next one of the vehicles a group begins with.
+    pub(super) fn steps(&self, group: &Group) -> Steps {
+        let mut sample = BTreeSet::new();
+        let mut rows: Vec<(u32, u32, i64)> = Vec::new();
+        let mut last: Option<(u32, bool)> = None;
+        for i in 0..group.rows.len(self.vehicle.len()) {
+            let row = group.rows.get(i).map_or(i, |row| *row as usize);
+            let vehicle = self.vehicle[row];
+            let chosen = match last {
+                Some((same, chosen)) if same == vehicle => chosen,
+                _ => sample.contains(&vehicle) || (sample.len() < SAMPLE && sample.insert(vehicle)),
+            };
+            last = Some((vehicle, chosen));
+            if chosen {
+                rows.push((vehicle, self.frame[row], self.time[row]));
+            }
+        }
+        // The rows of a merged export come in any order.
+        rows.sort_unstable();
+        let next = rows.windows(2).filter(|pair| pair[0].0 == pair[1].0 && pair[0].1 < pair[1].1);
+        Steps(next.map(|pair| (pair[1].1 - pair[0].1, pair[1].2 - pair[0].2)).collect())
     }
+}
 
+/// Frames and ms from one frame of a vehicle to its next.
+pub(super) struct Steps(Vec<(u32, i64)>);
+
+impl Steps {
     /// Frames per second by the times of the rows; `otherwise` where times do not tell.
-    pub(super) fn rate(&self, group: &Group, otherwise: f64) -> f64 {
-        let period = most_frequent(self.steps(group).filter(|step| step.1 > 0).map(|step| step.1 / i64::from(step.0)));
+    pub(super) fn rate(&self, otherwise: f64) -> f64 {
+        let timed = self.0.iter().filter(|step| step.1 > 0);
+        let period = most_frequent(timed.map(|(frames, ms)| ms / i64::from(*frames)));
         period.filter(|ms| *ms > 0).map_or(otherwise, |ms| 1000. / ms as f64)
     }
 
     /// Frames from a row of a vehicle to its next, in most cases: 1 unless rows were left out.
-    pub(super) fn stride(&self, group: &Group) -> u32 {
-        most_frequent(self.steps(group).map(|step| step.0)).unwrap_or(1)
+    pub(super) fn stride(&self) -> u32 {
+        most_frequent(self.0.iter().map(|step| step.0)).unwrap_or(1)
     }
 }
 
