@@ -35,6 +35,8 @@ pub struct Overlap {
     pub first: String,
     /// Name of the second recording.
     pub second: String,
+    /// Site of both.
+    pub site: String,
     /// Vehicles found in both.
     pub vehicles: usize,
     /// Frames to add to a frame of the second to get the frame of the first.
@@ -84,11 +86,14 @@ pub fn overlaps(recordings: &[Recording]) -> Vec<Overlap> {
             *best = (vehicles, shift);
         }
     }
-    let name = |index: u32| recordings[index as usize].meta().name.clone();
+    let meta = |index: u32| recordings[index as usize].meta().clone();
     found
         .into_iter()
         .filter(|(_, (vehicles, _))| *vehicles >= VEHICLES)
-        .map(|((a, b), (vehicles, shift))| Overlap { first: name(a), second: name(b), vehicles, shift })
+        .map(|((a, b), (vehicles, shift))| {
+            let first = meta(a);
+            Overlap { first: first.name, second: meta(b).name, site: first.site, vehicles, shift }
+        })
         .collect()
 }
 

@@ -5,18 +5,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use crate::error::DataError;
-use crate::recording::Recording;
+use crate::overlap::{Overlap, groups};
 use crate::window::WindowId;
 use crate::windows::WindowSet;
 
 mod assign;
+mod check;
 mod saved;
 
 /// What is kept in one part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SplitKind {
-    /// Whole recordings: nothing of the traffic seen in training comes again.
+    /// Whole recordings: nothing of the traffic seen in training comes again. Recordings that show
+    /// the same vehicles stay together.
     Recording,
     /// Whole vehicles, within each recording: the convention of the NGSIM literature. A vehicle of
     /// the test part may be a neighbour in training.
@@ -126,7 +128,17 @@ pub struct Split {
     kinds: BTreeMap<String, SplitKind>,
     seed: u64,
     straddling: BTreeMap<String, usize>,
+    overlaps: Vec<Overlap>,
     hash: String,
+}
+
+/// What a split is besides its parts.
+#[derive(Default)]
+struct Origin {
+    kinds: BTreeMap<String, SplitKind>,
+    seed: u64,
+    straddling: BTreeMap<String, usize>,
+    overlaps: Vec<Overlap>,
 }
 
 impl Split {
@@ -135,12 +147,14 @@ impl Split {
     ///
     /// Recordings of all sites with the same kind are parted together, so that each part comes near
     /// its share of their windows (kind `recording`), vehicles (`vehicle`, in each recording),
-    /// frames (`time`, in each recording) or windows (`window`).
+    /// frames (`time`, in each recording) or windows (`window`). `overlaps` are what
+    /// [`overlaps`](crate::overlaps) found in the recordings. By `recording` those that overlap stay
+    /// together; by any other kind they may not, and the split [leaks](Split::leaks).
     ///
     /// # Errors
     /// When the configuration is wrong, a part of one kind is left without windows, or the result
     /// does not pass [`Split::check`].
-    pub fn new(set: &WindowSet<'_>, config: &SplitConfig) -> Result<Self, DataError> {
+    pub fn new(set: &WindowSet<'_>, config: &SplitConfig, overlaps: &[Overlap]) -> Result<Self, DataError> {
         config.check()?;
         let mut kinds = BTreeMap::new();
         for recording in set.recordings() {
@@ -150,11 +164,12 @@ impl Split {
         for site in config.sites.keys().filter(|site| !kinds.contains_key(*site)) {
             tracing::warn!("the split names site {site}, of which there is no recording");
         }
+        let groups = groups(set.recordings(), overlaps);
         let mut parts = <[Vec<WindowId>; 3]>::default();
         let mut straddling = BTreeMap::new();
         for kind in BTreeSet::from_iter(kinds.values().copied()) {
             let ids = set.ids().iter().copied().filter(|id| kind_of(set, *id, &kinds) == Some(kind)).collect();
-            let assigned = assign::assign(set, ids, kind, config.shares(), config.seed);
+            let assigned = assign::assign(set, ids, kind, &groups, config.shares(), config.seed);
             for (name, dropped) in assigned.straddling {
                 straddling.insert(name, dropped);
             }
@@ -174,7 +189,8 @@ impl Split {
         for ids in &mut parts {
             ids.sort_unstable();
         }
-        let split = Self::with_hash(set, parts, kinds, config.seed, straddling);
+        let origin = Origin { kinds, seed: config.seed, straddling, overlaps: overlaps.to_vec() };
+        let split = Self::with_hash(set, parts, origin);
         split.check(set)?;
         Ok(split)
     }
@@ -184,18 +200,13 @@ impl Split {
     pub fn all_test(set: &WindowSet<'_>) -> Self {
         let mut ids = set.ids().to_vec();
         ids.sort_unstable();
-        Self::with_hash(set, [Vec::new(), Vec::new(), ids], BTreeMap::new(), 0, BTreeMap::new())
+        Self::with_hash(set, [Vec::new(), Vec::new(), ids], Origin::default())
     }
 
-    fn with_hash(
-        set: &WindowSet<'_>,
-        parts: [Vec<WindowId>; 3],
-        kinds: BTreeMap<String, SplitKind>,
-        seed: u64,
-        straddling: BTreeMap<String, usize>,
-    ) -> Self {
+    fn with_hash(set: &WindowSet<'_>, parts: [Vec<WindowId>; 3], origin: Origin) -> Self {
         let hash = saved::hash(set, &parts);
-        Self { parts, kinds, seed, straddling, hash }
+        let Origin { kinds, seed, straddling, overlaps } = origin;
+        Self { parts, kinds, seed, straddling, overlaps, hash }
     }
 
     /// Windows of a part, by recording, track and row.
@@ -246,62 +257,20 @@ impl Split {
         &self.hash
     }
 
-    /// Whether windows a stride apart stand in different parts, so that the test part is known
-    /// from training. True of the kind `window` alone; to be said wherever a number from it appears.
+    /// Recordings that show the same vehicles, as known when the split was made.
+    #[must_use]
+    pub fn overlaps(&self) -> &[Overlap] {
+        &self.overlaps
+    }
+
+    /// Whether the test part may be known from training: windows a stride apart stand in different
+    /// parts (kind `window`), or recordings that show the same vehicles are not kept together (any
+    /// kind but `recording`). To be said wherever a number from the split appears.
     #[must_use]
     pub fn leaks(&self) -> bool {
-        self.kinds.values().any(|kind| *kind == SplitKind::Window)
+        let apart = |overlap: &Overlap| self.kinds.get(&overlap.site) != Some(&SplitKind::Recording);
+        self.kinds.values().any(|kind| *kind == SplitKind::Window) || self.overlaps.iter().any(apart)
     }
-
-    /// Checks, at all sites but those of kind `window`, that no recorded frame of a target vehicle
-    /// stands in two parts, that under `vehicle` all stretches of a vehicle are in one part, and
-    /// under `recording` all windows of a recording.
-    ///
-    /// # Errors
-    /// [`DataError::SharedFrame`] with a vehicle that stands in two parts, [`DataError::ForeignSplit`]
-    /// when `set` does not hold the windows.
-    pub fn check(&self, set: &WindowSet<'_>) -> Result<(), DataError> {
-        let mut whole: BTreeMap<(u32, Option<u32>), Part> = BTreeMap::new();
-        let mut spans: BTreeMap<(u32, u32), Vec<Span>> = BTreeMap::new();
-        for part in Part::ALL {
-            for id in self.part(part) {
-                let recording = set.recording(*id).ok_or(DataError::ForeignSplit)?;
-                let (first, last) = frames_of(set, *id).ok_or(DataError::ForeignSplit)?;
-                let vehicle = recording.tracks()[id.track as usize].vehicle;
-                let group = match kind_of(set, *id, &self.kinds) {
-                    Some(SplitKind::Window) => continue,
-                    Some(SplitKind::Recording) => Some(None),
-                    Some(SplitKind::Vehicle) => Some(Some(vehicle)),
-                    Some(SplitKind::Time) | None => None,
-                };
-                if group.is_some_and(|group| *whole.entry((id.recording, group)).or_insert(part) != part) {
-                    return Err(shared(recording, vehicle, first));
-                }
-                spans.entry((id.recording, vehicle)).or_default().push((first, last, part));
-            }
-        }
-        for ((recording, vehicle), mut spans) in spans {
-            spans.sort_unstable();
-            // A window that starts at or before the last frame of an earlier one shares that frame.
-            let mut reached: [Option<u32>; 3] = [None; 3];
-            for (first, last, part) in spans {
-                let others = Part::ALL.into_iter().filter(|other| *other != part);
-                if others.filter_map(|other| reached[other as usize]).any(|reached| reached >= first) {
-                    return Err(shared(&set.recordings()[recording as usize], vehicle, first));
-                }
-                let reached = &mut reached[part as usize];
-                *reached = (*reached).max(Some(last));
-            }
-        }
-        Ok(())
-    }
-}
-
-/// First and last frame of a window, and its part.
-type Span = (u32, u32, Part);
-
-fn shared(recording: &Recording, vehicle: u32, frame: u32) -> DataError {
-    DataError::SharedFrame { recording: recording.meta().name.clone(), vehicle, frame }
 }
 
 fn kind_of(set: &WindowSet<'_>, id: WindowId, kinds: &BTreeMap<String, SplitKind>) -> Option<SplitKind> {

@@ -17,20 +17,27 @@ pub(super) struct Assigned {
     pub(super) straddling: BTreeMap<String, usize>,
 }
 
-/// Parts the windows `ids` of `set`, all of one kind.
+/// Parts the windows `ids` of `set`, all of one kind. Recordings with equal `groups` belong together.
 pub(super) fn assign(
     set: &WindowSet<'_>,
     ids: Vec<WindowId>,
     kind: SplitKind,
+    groups: &[usize],
     shares: [f64; 3],
     seed: u64,
 ) -> Assigned {
     let mut assigned = Assigned { parts: Default::default(), straddling: BTreeMap::new() };
     let mut by_name: BTreeMap<&str, Vec<WindowId>> = BTreeMap::new();
+    let name = |recording: usize| set.recordings()[recording].meta().name.as_str();
+    let together: Vec<&str> = if kind == SplitKind::Recording {
+        // A group goes by its first name, which does not depend on the order of recordings.
+        let members = |of: usize| (0..groups.len()).filter(move |other| groups[*other] == groups[of]);
+        (0..groups.len()).map(|of| members(of).map(name).min().unwrap_or_else(|| name(of))).collect()
+    } else {
+        (0..groups.len()).map(name).collect()
+    };
     for id in ids {
-        if let Some(recording) = set.recording(id) {
-            by_name.entry(&recording.meta().name).or_default().push(id);
-        }
+        by_name.entry(together[id.recording as usize]).or_default().push(id);
     }
     if kind == SplitKind::Recording {
         let sizes: Vec<usize> = by_name.values().map(Vec::len).collect();
@@ -98,25 +105,46 @@ fn part_at(place: f64, shares: [f64; 3]) -> Part {
     }
 }
 
-/// A part for each group of windows, whole. In a drawn order each group goes to the part that lacks
-/// most windows; the last groups go to parts that are still empty, so that each part gets one.
+/// Orders in which groups are dealt out, of which the one that comes nearest to the shares is kept.
+const DEALS: usize = 64;
+
+/// A part for each group of windows, whole, so that each part gets a group if there are three.
+///
+/// Groups may differ much in size, so that one deal can miss the shares by far: of several, all
+/// drawn, the one with the smallest sum of (windows - due)² / due is taken, the first of equals.
 fn whole_groups(sizes: &[usize], shares: [f64; 3], rng: &mut ChaCha8Rng) -> Vec<Part> {
     let total: usize = sizes.iter().sum();
-    let mut lacking = shares.map(|share| share * total as f64);
-    let mut empty = [true; 3];
+    let due = shares.map(|share| share * total as f64);
     let mut order: Vec<usize> = (0..sizes.len()).collect();
-    order.shuffle(rng);
+    let mut best = (f64::INFINITY, Vec::new());
+    for _ in 0..DEALS {
+        order.shuffle(rng);
+        let (parts, lacking) = deal(sizes, &order, due);
+        let miss: f64 = lacking.iter().zip(due).map(|(lacking, due)| lacking * lacking / due).sum();
+        if miss < best.0 {
+            best = (miss, parts);
+        }
+    }
+    best.1
+}
+
+/// Deals groups out in an order, each to the part that lacks the largest share of its due; the last
+/// ones go to parts that are still empty. Returns the parts, and the windows each part lacks in the end.
+fn deal(sizes: &[usize], order: &[usize], due: [f64; 3]) -> (Vec<Part>, [f64; 3]) {
+    let mut lacking = due;
+    let mut empty = [true; 3];
     let mut parts = vec![Part::Train; sizes.len()];
-    for (place, group) in order.into_iter().enumerate() {
+    for (place, group) in order.iter().enumerate() {
         let left = sizes.len() - place;
         let must_fill = left <= empty.iter().filter(|empty| **empty).count();
         let open = Part::ALL.into_iter().filter(|part| !must_fill || empty[*part as usize]);
-        let part = open.max_by(|a, b| lacking[*a as usize].total_cmp(&lacking[*b as usize])).unwrap_or(Part::Train);
-        lacking[part as usize] -= sizes[group] as f64;
+        let share = |part: &Part| lacking[*part as usize] / due[*part as usize];
+        let part = open.max_by(|a, b| share(a).total_cmp(&share(b))).unwrap_or(Part::Train);
+        lacking[part as usize] -= sizes[*group] as f64;
         empty[part as usize] = false;
-        parts[group] = part;
+        parts[*group] = part;
     }
-    parts
+    (parts, lacking)
 }
 
 /// Parts windows of one recording by stretches of its frames; returns how many lie in two.
@@ -134,4 +162,32 @@ fn assign_by_time(set: &WindowSet<'_>, ids: &[WindowId], shares: [f64; 3], parts
         }
     }
     straddling
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_large_group_trains_and_the_rest_is_shared_out() {
+        let sizes = [30, 11, 860, 25, 14, 40, 20];
+        for seed in 0..20 {
+            let parts = whole_groups(&sizes, [0.7, 0.1, 0.2], &mut ChaCha8Rng::seed_from_u64(seed));
+            assert_eq!(parts[2], Part::Train, "seed {seed}: {parts:?}");
+            let of = |part| parts.iter().zip(sizes).filter(|(p, _)| **p == part).map(|(_, size)| size).sum::<usize>();
+            assert!((30..=60).contains(&of(Part::Validation)), "seed {seed}: {parts:?}");
+            assert!((80..=110).contains(&of(Part::Test)), "seed {seed}: {parts:?}");
+        }
+    }
+
+    #[test]
+    fn shares_of_drawn_things_hold_to_within_one() {
+        for count in [1, 2, 3, 7, 10, 33, 100] {
+            let parts = drawn(count, [0.7, 0.1, 0.2], &mut ChaCha8Rng::seed_from_u64(9));
+            for (part, share) in Part::ALL.into_iter().zip([0.7, 0.1, 0.2]) {
+                let got = parts.iter().filter(|p| **p == part).count() as f64;
+                assert!((got - share * count as f64).abs() <= 1., "{count}: {parts:?}");
+            }
+        }
+    }
 }

@@ -8,8 +8,9 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use super::{Part, Split, SplitKind};
+use super::{Origin, Part, Split, SplitKind};
 use crate::error::DataError;
+use crate::overlap::Overlap;
 use crate::window::{WindowId, WindowShape};
 use crate::windows::WindowSet;
 
@@ -36,6 +37,7 @@ struct SplitFile {
     leaks: bool,
     seed: u64,
     straddling: BTreeMap<String, usize>,
+    overlaps: Vec<Overlap>,
     train: Names,
     validation: Names,
     test: Names,
@@ -56,6 +58,7 @@ impl Split {
             leaks: self.leaks(),
             seed: self.seed,
             straddling: self.straddling.clone(),
+            overlaps: self.overlaps.clone(),
             train: names(set, self.train()),
             validation: names(set, self.validation()),
             test: names(set, self.test()),
@@ -97,7 +100,8 @@ fn parse(set: &WindowSet<'_>, bytes: &[u8]) -> Result<Split, String> {
         return Err(format!("it parts windows of {}, these have {}", show(found), show(wanted)));
     }
     let parts = [ids(set, &file.train)?, ids(set, &file.validation)?, ids(set, &file.test)?];
-    let split = Split::with_hash(set, parts, file.kinds, file.seed, file.straddling);
+    let SplitFile { kinds, seed, straddling, overlaps, .. } = file;
+    let split = Split::with_hash(set, parts, Origin { kinds, seed, straddling, overlaps });
     if split.hash != file.hash {
         return Err(format!("its windows have the hash {}, it says {}: it was changed", split.hash, file.hash));
     }

@@ -1,0 +1,74 @@
+//! Windows and splits of the embedded recordings.
+
+#![allow(clippy::unwrap_used)] // also outside the test functions
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use gnp_data::{
+    Dataset, Expectation, Part, Recording, Split, SplitConfig, SplitKind, WindowConfig, WindowSet, discover, overlaps,
+    read,
+};
+
+fn embedded(folder: &str, dataset: Dataset) -> Vec<Recording> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures").join(folder);
+    let expect = Expectation { dataset, rate_hz: None };
+    let sources = discover(&folder, dataset).unwrap();
+    sources.iter().flat_map(|source| read(source, &expect).unwrap()).map(|(recording, _)| recording).collect()
+}
+
+fn split_config(kind: SplitKind, sites: BTreeMap<String, SplitKind>) -> SplitConfig {
+    SplitConfig { kind, sites, train: 0.7, validation: 0.1, test: 0.2, seed: 1 }
+}
+
+#[test]
+fn ngsim_scenes_are_held_out_whole_and_i_80_by_vehicle() {
+    let recordings = embedded("ngsim", Dataset::Ngsim);
+    let config = WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 10., stride_s: 0.2 };
+    let (set, drops) = WindowSet::cut(&recordings, &config).unwrap();
+    let total = drops.total();
+    assert_eq!(total.candidates, set.len() + total.gap + total.track_too_short + total.past_track_end);
+    let overlaps = overlaps(&recordings);
+    assert!(!overlaps.is_empty(), "several scenes were cut from the same minutes");
+    let sites = BTreeMap::from([("i-80".to_owned(), SplitKind::Vehicle)]);
+    for seed in 0..5 {
+        let config = SplitConfig { seed, ..split_config(SplitKind::Recording, sites.clone()) };
+        let split = Split::new(&set, &config, &overlaps).unwrap();
+        assert!(!split.leaks() && split.straddling().is_empty());
+        let names = Part::ALL.map(|part| {
+            let windows = split.part(part).iter().map(|id| set.get(*id).unwrap());
+            let us_101 = windows.filter(|window| window.observation().site() == "us-101");
+            us_101.map(|window| window.key().recording).collect::<Vec<_>>()
+        });
+        // Three scenes that overlap hold most windows of the site, so they train.
+        let [train, validation, test] = names.each_ref().map(Vec::len);
+        assert!(train > 1500 && validation > 60 && test > 150, "seed {seed}: {train} {validation} {test}");
+        let scenes = names.map(BTreeSet::from_iter);
+        for overlap in &overlaps {
+            let parts = scenes.iter().filter(|s| s.contains(&overlap.first) || s.contains(&overlap.second)).count();
+            assert_eq!(parts, 1, "seed {seed}: {overlap:?}");
+        }
+        let vehicles = Part::ALL.map(|part| {
+            let windows = split.part(part).iter().map(|id| set.get(*id).unwrap());
+            let i_80 = windows.filter(|window| window.observation().site() == "i-80");
+            BTreeSet::from_iter(i_80.map(|window| window.key().vehicle)).len()
+        });
+        assert_eq!(vehicles, [70, 10, 20], "seed {seed}");
+    }
+}
+
+#[test]
+fn simulated_recordings_give_windows_of_a_full_three_seconds() {
+    let recordings = embedded("highd", Dataset::HighD);
+    assert!(recordings.iter().all(|recording| recording.meta().simulated));
+    let config = WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 25., stride_s: 1. };
+    let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
+    assert_eq!((set.shape().observed, set.shape().predicted), (76, 125));
+    for kind in [SplitKind::Recording, SplitKind::Vehicle, SplitKind::Time] {
+        let split = Split::new(&set, &split_config(kind, BTreeMap::new()), &[]).unwrap();
+        let count: usize = Part::ALL.iter().map(|part| split.part(*part).len()).sum();
+        assert_eq!(count + split.straddling().values().sum::<usize>(), set.len(), "{kind:?}");
+    }
+    // Everybody drives forward, on both carriageways.
+    assert!(set.iter().all(|window| window.truth().goal()[0] > 0.));
+}
