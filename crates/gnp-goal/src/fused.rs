@@ -153,7 +153,7 @@ impl FusedBlock {
         let mut d_keys = Vec::with_capacity(keys.map_or(0, <[f32]>::len));
         for (weights, keys) in of_groups {
             d_keys.extend(keys);
-            rows::add(&mut d_weights, &weights);
+            rows::add_rows(layer.arch, &mut d_weights, &weights);
         }
         [d_x, d_keys, d_weights]
     }

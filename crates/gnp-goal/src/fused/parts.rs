@@ -80,7 +80,7 @@ impl Transposed {
     pub(crate) fn of(arch: Arch, parts: &Parts<&[f32]>, width: usize, hidden: usize) -> Self {
         let turn = |map: &[f32], out: usize, input: usize| {
             let mut to = vec![0.; map.len()];
-            arch.dispatch(|| transpose(&mut to, out, map, input, [out, input], 1.));
+            transpose(arch, &mut to, out, map, input, [out, input], 1.);
             to
         };
         Self {

@@ -120,12 +120,15 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
         let (c, c_stride) = (&mut *self.c.0, self.c.1);
         for (r, sums) in sums.iter().enumerate() {
             let target = &mut c[(row + r) * c_stride + column..][..width];
-            for (v, target) in target.chunks_mut(S::F32_LANES).enumerate() {
-                let sum = match self.store {
-                    Store::Set => sums[v],
-                    Store::Add => simd.add_f32s(simd.partial_load_f32s(target), sums[v]),
-                };
-                simd.partial_store_f32s(target, sum);
+            let (whole, rest) = S::as_mut_simd_f32s(target);
+            for (target, sum) in whole.iter_mut().zip(sums) {
+                *target = if self.store == Store::Add { simd.add_f32s(*target, *sum) } else { *sum };
+            }
+            if !rest.is_empty() {
+                let sum = sums[VECTORS - 1];
+                let before = simd.partial_load_f32s(rest);
+                let sum = if self.store == Store::Add { simd.add_f32s(before, sum) } else { sum };
+                simd.partial_store_f32s(rest, sum);
             }
         }
     }

@@ -1,12 +1,30 @@
-//! What happens to one row: written so that the compiler makes vectors of it, in a fixed order.
-//!
-//! Everything here is inlined into a closure that [`pulp::Arch::dispatch`] runs with the machine's
-//! vector instructions switched on.
+//! What happens to rows: plain loops that the compiler makes vectors of, in a fixed order.
 
 use gnp_nn::DropoutMask;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Partial sums kept apart; a row's length is best a multiple of it.
 pub(crate) const LANES: usize = 16;
+
+/// Functions that [`Arch::dispatch`] runs with the machine's vector instructions switched on. A
+/// closure would do the same only where the compiler chooses to inline it.
+macro_rules! vectorised {
+    ($($(#[$doc:meta])* fn $name:ident($($arg:ident: $kind:ty),* $(,)?) $body:block)*) => {$(
+        $(#[$doc])*
+        pub(crate) fn $name(arch: Arch, $($arg: $kind),*) {
+            struct Run<T>(T);
+            impl WithSimd for Run<($($kind,)*)> {
+                type Output = ();
+                #[inline(always)]
+                fn with_simd<S: Simd>(self, _: S) {
+                    let ($($arg,)*) = self.0;
+                    $body
+                }
+            }
+            arch.dispatch(Run(($($arg,)*)));
+        }
+    )*};
+}
 
 #[inline(always)]
 fn fold(a: &[f32], b: &[f32], f: impl Fn(f32, f32) -> f32) -> f32 {
@@ -31,15 +49,13 @@ fn fold(a: &[f32], b: &[f32], f: impl Fn(f32, f32) -> f32) -> f32 {
     sums[0]
 }
 
-/// Sum of `a`.
 #[inline(always)]
-pub(crate) fn sum(a: &[f32]) -> f32 {
+fn sum(a: &[f32]) -> f32 {
     fold(a, a, |a, _| a)
 }
 
-/// Sum of the products of `a` and `b`.
 #[inline(always)]
-pub(crate) fn dot(a: &[f32], b: &[f32]) -> f32 {
+fn dot(a: &[f32], b: &[f32]) -> f32 {
     fold(a, b, |a, b| a * b)
 }
 
@@ -73,9 +89,8 @@ fn exp(x: f32) -> f32 {
     if x < -87. { 0. } else { power }
 }
 
-/// Softmax over the first `valid` values of `row`; the others become 0.
 #[inline(always)]
-pub(crate) fn softmax(row: &mut [f32], valid: usize) {
+fn softmax_row(row: &mut [f32], valid: usize) {
     let (row, padding) = row.split_at_mut(valid);
     padding.fill(0.);
     let shift = largest(row);
@@ -88,39 +103,16 @@ pub(crate) fn softmax(row: &mut [f32], valid: usize) {
     }
 }
 
-/// From `weights = softmax(scale * scores)` and the gradient with respect to the weights, which is
-/// replaced by that with respect to the unscaled scores.
 #[inline(always)]
-pub(crate) fn softmax_gradient(weights: &[f32], gradient: &mut [f32], scale: f32) {
-    let mean = dot(weights, gradient);
-    for (g, w) in gradient.iter_mut().zip(weights) {
-        *g = w * (*g - mean) * scale;
+fn drop_row(row: &mut [f32], mask: DropoutMask, first: usize) {
+    for (i, x) in row.iter_mut().enumerate() {
+        *x *= mask.factor(first + i);
     }
 }
 
-/// Adds `added`, with dropped values left out, to `y` where `y` holds `added` and `x` the other
-/// summand; `first` is the index of the row's first value in the mask.
+/// To mean 0 and variance 1 in place; gives the reciprocal of the deviation.
 #[inline(always)]
-pub(crate) fn add_dropped(y: &mut [f32], x: &[f32], mask: DropoutMask, first: usize) {
-    drop_values(y, mask, first);
-    for (y, x) in y.iter_mut().zip(x) {
-        *y += x;
-    }
-}
-
-/// Applies the part of `mask` that begins at `first`.
-#[inline(always)]
-pub(crate) fn drop_values(y: &mut [f32], mask: DropoutMask, first: usize) {
-    if !mask.is_none() {
-        for (i, y) in y.iter_mut().enumerate() {
-            *y *= mask.factor(first + i);
-        }
-    }
-}
-
-/// Normalises `row` in place to mean 0 and variance 1, and gives the reciprocal of its deviation.
-#[inline(always)]
-pub(crate) fn normalise(row: &mut [f32]) -> f32 {
+fn normalise(row: &mut [f32]) -> f32 {
     const EPSILON: f32 = 1e-5;
     let share = 1. / row.len() as f32;
     let mean = sum(row) * share;
@@ -134,63 +126,133 @@ pub(crate) fn normalise(row: &mut [f32]) -> f32 {
     scale
 }
 
-/// `out = normalised * weight + bias`.
 #[inline(always)]
-pub(crate) fn affine(out: &mut [f32], normalised: &[f32], weight: &[f32], bias: &[f32]) {
-    for (((out, n), w), b) in out.iter_mut().zip(normalised).zip(weight).zip(bias) {
-        *out = n * w + b;
-    }
-}
-
-/// Backward through [`normalise`] and [`affine`]: the gradient of `out` is replaced by that of the
-/// row, those of `weight` and `bias` are added to. `scale` is what [`normalise`] gave.
-#[inline(always)]
-pub(crate) fn norm_gradient(
-    gradient: &mut [f32],
-    normalised: &[f32],
-    scale: f32,
-    weight: &[f32],
-    d_weight: &mut [f32],
-    d_bias: &mut [f32],
-) {
-    for (((g, n), dw), db) in gradient.iter().zip(normalised).zip(d_weight).zip(d_bias) {
-        *dw += g * n;
-        *db += g;
-    }
-    for (g, w) in gradient.iter_mut().zip(weight) {
-        *g *= w;
-    }
-    let share = 1. / gradient.len() as f32;
-    let (mean, along) = (sum(gradient) * share, dot(gradient, normalised) * share);
-    for (g, n) in gradient.iter_mut().zip(normalised) {
-        *g = scale * (*g - mean - n * along);
-    }
-}
-
-/// `total += row`.
-#[inline(always)]
-pub(crate) fn add(total: &mut [f32], row: &[f32]) {
+fn add_row(total: &mut [f32], row: &[f32]) {
     for (t, r) in total.iter_mut().zip(row) {
         *t += r;
     }
 }
 
-/// The transpose of the `[rows, columns]` part of a matrix that begins with `from` and has `stride`,
-/// times `scale`, into `to` `[columns, padded]`, with zeros where `padded` exceeds `rows`.
-#[inline(always)]
-pub(crate) fn transpose(
-    to: &mut [f32],
-    padded: usize,
-    from: &[f32],
-    stride: usize,
-    [rows, columns]: [usize; 2],
-    scale: f32,
-) {
-    for (column, to) in to.chunks_exact_mut(padded.max(1)).take(columns).enumerate() {
-        let (to, padding) = to.split_at_mut(rows);
-        padding.fill(0.);
-        for (row, to) in to.iter_mut().enumerate() {
-            *to = from[row * stride + column] * scale;
+/// Weight and bias of a norm, or their gradients.
+pub(crate) type Affine<'a> = (&'a [f32], &'a [f32]);
+
+vectorised! {
+    /// Softmax over the first `valid` values of each row of `wide`; the others become 0.
+    fn softmax(rows: &mut [f32], wide: usize, valid: usize) {
+        for row in rows.chunks_exact_mut(wide) {
+            softmax_row(row, valid);
+        }
+    }
+
+    /// For rows of `weights = softmax(scale * scores)`: the gradient with respect to the weights is
+    /// replaced by that with respect to the unscaled scores.
+    fn softmax_gradient(gradient: &mut [f32], weights: &[f32], wide: usize, scale: f32) {
+        for (gradient, weights) in gradient.chunks_exact_mut(wide).zip(weights.chunks_exact(wide)) {
+            let mean = dot(weights, gradient);
+            for (g, w) in gradient.iter_mut().zip(weights) {
+                *g = w * (*g - mean) * scale;
+            }
+        }
+    }
+
+    /// For each row: drops values of `y` (`first` is the index of the first in the mask), adds `x`,
+    /// normalises `y` in place, keeps the reciprocal of its deviation in `scales`, and writes
+    /// `y * weight + bias` to `out`.
+    fn norm(
+        y: &mut [f32],
+        x: &[f32],
+        mask: (DropoutMask, usize),
+        affine: Affine<'_>,
+        scales: &mut [f32],
+        out: &mut [f32],
+    ) {
+        let width = affine.0.len();
+        let lines = y.chunks_exact_mut(width).zip(x.chunks_exact(width)).zip(out.chunks_exact_mut(width));
+        for (row, (((y, x), out), scale)) in lines.zip(scales).enumerate() {
+            if !mask.0.is_none() {
+                drop_row(y, mask.0, mask.1 + row * width);
+            }
+            add_row(y, x);
+            *scale = normalise(y);
+            for (((out, n), w), b) in out.iter_mut().zip(&*y).zip(affine.0).zip(affine.1) {
+                *out = n * w + b;
+            }
+        }
+    }
+
+    /// Backward through [`norm`]: the gradient of `out` is replaced by that of the sum, and those of
+    /// weight and bias are added to. `normalised` and `scales` are what the forward pass left.
+    fn norm_gradient(
+        gradient: &mut [f32],
+        normalised: &[f32],
+        scales: &[f32],
+        weight: &[f32],
+        d: (&mut [f32], &mut [f32]),
+    ) {
+        let width = weight.len();
+        let share = 1. / width as f32;
+        let lines = gradient.chunks_exact_mut(width).zip(normalised.chunks_exact(width)).zip(scales);
+        for ((gradient, normalised), scale) in lines {
+            for (((g, n), dw), db) in gradient.iter().zip(normalised).zip(&mut *d.0).zip(&mut *d.1) {
+                *dw += g * n;
+                *db += g;
+            }
+            for (g, w) in gradient.iter_mut().zip(weight) {
+                *g *= w;
+            }
+            let (mean, along) = (sum(gradient) * share, dot(gradient, normalised) * share);
+            for (g, n) in gradient.iter_mut().zip(normalised) {
+                *g = scale * (*g - mean - n * along);
+            }
+        }
+    }
+
+    /// Applies the part of a mask that begins at `first`.
+    fn drop_values(values: &mut [f32], mask: DropoutMask, first: usize) {
+        if !mask.is_none() {
+            drop_row(values, mask, first);
+        }
+    }
+
+    /// Negative values become 0.
+    fn relu(values: &mut [f32]) {
+        for x in values {
+            *x = if *x > 0. { *x } else { 0. };
+        }
+    }
+
+    /// Gradients become 0 where [`relu`] gave 0.
+    fn relu_gradient(gradient: &mut [f32], activations: &[f32]) {
+        for (g, a) in gradient.iter_mut().zip(activations) {
+            *g = if *a > 0. { *g } else { 0. };
+        }
+    }
+
+    /// Adds every row of `rows` to `total`, one row long.
+    fn add_rows(total: &mut [f32], rows: &[f32]) {
+        for row in rows.chunks_exact(total.len()) {
+            add_row(total, row);
+        }
+    }
+
+    /// Adds `row` to every row of `rows`.
+    fn add_to_rows(rows: &mut [f32], row: &[f32]) {
+        for to in rows.chunks_exact_mut(row.len()) {
+            add_row(to, row);
+        }
+    }
+
+    /// The transpose of the `[rows, columns]` (`sizes`) part of a matrix that begins with `from` and
+    /// has `stride`, times `scale`, into `to` `[columns, wide]`, with zeros where `wide` exceeds
+    /// `rows`.
+    fn transpose(to: &mut [f32], wide: usize, from: &[f32], stride: usize, sizes: [usize; 2], scale: f32) {
+        let [rows, columns] = sizes;
+        for (column, to) in to.chunks_exact_mut(wide.max(1)).take(columns).enumerate() {
+            let (to, padding) = to.split_at_mut(rows);
+            padding.fill(0.);
+            for (row, to) in to.iter_mut().enumerate() {
+                *to = from[row * stride + column] * scale;
+            }
         }
     }
 }
@@ -214,12 +276,12 @@ mod tests {
     #[test]
     fn softmax_of_large_and_of_equal_values_is_finite() {
         let mut row = [1000., 1000., 1000. - 2f32.ln(), 7., 7.];
-        softmax(&mut row, 3);
+        softmax(Arch::new(), &mut row, 5, 3);
         for (x, e) in row.iter().zip([0.4, 0.4, 0.2, 0., 0.]) {
             assert!((x - e).abs() < 1e-4, "{row:?}");
         }
         let mut low = [-1e4; 40];
-        softmax(&mut low, 40);
+        softmax(Arch::new(), &mut low, 40, 40);
         assert!(low.iter().all(|x| (x - 0.025).abs() < 1e-7));
     }
 

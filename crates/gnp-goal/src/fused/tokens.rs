@@ -2,6 +2,8 @@
 
 use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor};
 
+use pulp::Arch;
+
 use super::{cpu, rows, values};
 
 /// `modes` `[modes, width]` plus `windows` `[batch, width]`, every one with every other,
@@ -31,11 +33,11 @@ impl CustomOp2 for OuterSum {
             candle_core::bail!("outer sum: widths {width} and {same}");
         }
         let (modes, windows) = (values(modes, lm)?, values(windows, lw)?);
-        let mut out = Vec::with_capacity(batch * modes.len());
+        let (arch, mut out) = (Arch::new(), Vec::with_capacity(batch * modes.len()));
         for window in windows.chunks_exact(width) {
-            for mode in modes.chunks_exact(width) {
-                out.extend(mode.iter().zip(window).map(|(m, w)| m + w));
-            }
+            let from = out.len();
+            out.extend_from_slice(modes);
+            rows::add_to_rows(arch, &mut out[from..], window);
         }
         Ok((CpuStorage::F32(out), Shape::from((batch, count, width))))
     }
@@ -52,9 +54,10 @@ impl CustomOp2 for OuterSum {
         let (storage, layout) = d_out.storage_and_layout();
         let d_out = values(cpu(&storage)?, layout)?;
         let (mut d_modes, mut d_windows) = (vec![0f32; modes.elem_count()], vec![0f32; windows.elem_count()]);
+        let arch = Arch::new();
         for (window, d_window) in d_out.chunks_exact(count * width).zip(d_windows.chunks_exact_mut(width)) {
-            rows::add(&mut d_modes, window);
-            window.chunks_exact(width).for_each(|token| rows::add(d_window, token));
+            rows::add_rows(arch, &mut d_modes, window);
+            rows::add_rows(arch, d_window, window);
         }
         let tensor = |d, like: &Tensor| Tensor::from_vec(d, like.shape(), like.device()).map(Some);
         Ok((tensor(d_modes, modes)?, tensor(d_windows, windows)?))

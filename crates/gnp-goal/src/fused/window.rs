@@ -1,6 +1,5 @@
 //! One block on one window, forward and backward, all of it in the cache.
 
-use gnp_nn::DropoutMask;
 use pulp::Arch;
 
 use super::parts::{Parts, Transposed};
@@ -132,9 +131,9 @@ impl Layer<'_> {
             let (query, key_value, turned) = (&work.query[at..], &work.key_value, &mut work.turned);
             let weights = &mut work.weights[h * kept..][..l * wide];
             if n > 0 {
-                arch.dispatch(|| rows::transpose(turned, wide, &key_value[at..], 2 * width, [n, head], scale));
+                rows::transpose(arch, turned, wide, &key_value[at..], 2 * width, [n, head], scale);
                 product(arch, (weights, wide), (query, width), (turned, wide), [l, head, wide], Store::Set);
-                arch.dispatch(|| weights.chunks_exact_mut(wide).for_each(|row| rows::softmax(row, n)));
+                rows::softmax(arch, weights, wide, n);
             }
             // Without any key this is zero.
             let values = key_value.get(width + at..).unwrap_or_default();
@@ -142,37 +141,13 @@ impl Layer<'_> {
             product(arch, (gathered, width), (weights, wide), (values, 2 * width), [l, n, head], Store::Set);
         }
         self.map(&mut work.normal1, &work.gathered, &t.output, p.output.1, l);
-        let mask = self.masks.attention;
-        self.norm(&mut work.normal1, x, mask, first, &mut work.scale1, p.norm1, &mut work.between);
+        let (mask, between) = ((self.masks.attention, first), &mut work.between);
+        rows::norm(arch, &mut work.normal1, x, mask, p.norm1, &mut work.scale1, between);
         self.map(&mut work.hidden, &work.between, &t.up, p.up.1, l);
-        let hidden = &mut work.hidden;
-        arch.dispatch(|| hidden.iter_mut().for_each(|x| *x = if *x > 0. { *x } else { 0. }));
+        rows::relu(arch, &mut work.hidden);
         self.map(&mut work.normal2, &work.hidden, &t.down, p.down.1, l);
-        let mask = self.masks.feed_forward;
-        self.norm(&mut work.normal2, &work.between, mask, first, &mut work.scale2, p.norm2, out);
-    }
-
-    /// Drops from `y`, adds `x`, normalises `y` in place and writes the affine map of it to `out`.
-    #[expect(clippy::too_many_arguments, reason = "slices of one workspace, borrowed apart")]
-    fn norm(
-        &self,
-        y: &mut [f32],
-        x: &[f32],
-        mask: DropoutMask,
-        first: usize,
-        scales: &mut [f32],
-        (weight, bias): (&[f32], &[f32]),
-        out: &mut [f32],
-    ) {
-        let width = self.sizes.width;
-        self.arch.dispatch(|| {
-            let lines = y.chunks_exact_mut(width).zip(x.chunks_exact(width)).zip(out.chunks_exact_mut(width));
-            for (row, (((y, x), out), scale)) in lines.zip(scales).enumerate() {
-                rows::add_dropped(y, x, mask, first + row * width);
-                *scale = rows::normalise(y);
-                rows::affine(out, y, weight, bias);
-            }
-        });
+        let mask = (self.masks.feed_forward, first);
+        rows::norm(arch, &mut work.normal2, &work.between, mask, p.norm2, &mut work.scale2, out);
     }
 
     /// Gradients of one window, after [`Layer::forward`] left its `work`: with respect to `x` into
@@ -195,9 +170,10 @@ impl Layer<'_> {
         let (p, arch, n) = (&self.parts, self.arch, keys.len() / width);
 
         room.out.copy_from_slice(d_out);
-        self.norm_gradient(&mut room.out, &work.normal2, &work.scale2, p.norm2.0, &mut d.norm2);
+        let d_norm = (&mut *d.norm2.0, &mut *d.norm2.1);
+        rows::norm_gradient(arch, &mut room.out, &work.normal2, &work.scale2, p.norm2.0, d_norm);
         room.between.copy_from_slice(&room.out);
-        self.drop_gradient(&mut room.out, self.masks.feed_forward, first);
+        rows::drop_values(arch, &mut room.out, self.masks.feed_forward, first);
         self.map_gradient(&room.out, &work.hidden, &mut d.down, l);
         product(
             arch,
@@ -207,8 +183,7 @@ impl Layer<'_> {
             [l, width, hidden],
             Store::Set,
         );
-        let (d_hidden, activations) = (&mut room.hidden, &work.hidden);
-        arch.dispatch(|| d_hidden.iter_mut().zip(activations).for_each(|(d, a)| *d = if *a > 0. { *d } else { 0. }));
+        rows::relu_gradient(arch, &mut room.hidden, &work.hidden);
         self.map_gradient(&room.hidden, &work.between, &mut d.up, l);
         product(
             arch,
@@ -219,9 +194,10 @@ impl Layer<'_> {
             Store::Add,
         );
 
-        self.norm_gradient(&mut room.between, &work.normal1, &work.scale1, p.norm1.0, &mut d.norm1);
+        let d_norm = (&mut *d.norm1.0, &mut *d.norm1.1);
+        rows::norm_gradient(arch, &mut room.between, &work.normal1, &work.scale1, p.norm1.0, d_norm);
         d_x.copy_from_slice(&room.between);
-        self.drop_gradient(&mut room.between, self.masks.attention, first);
+        rows::drop_values(arch, &mut room.between, self.masks.attention, first);
         self.map_gradient(&room.between, &work.gathered, &mut d.output, l);
         let gathered = (&mut room.gathered[..], width);
         product(arch, gathered, (&room.between, width), (p.output.0, width), [l, width, width], Store::Set);
@@ -253,14 +229,10 @@ impl Layer<'_> {
             let gathered = (&room.gathered[at..], width);
             let d_values = (&mut room.key_value[width + at..], 2 * width);
             product_of_transpose(arch, d_values, (weights, wide), gathered, [n, l, head], Store::Set);
-            arch.dispatch(|| rows::transpose(turned, wide, &key_value[width + at..], 2 * width, [n, head], 1.));
+            rows::transpose(arch, turned, wide, &key_value[width + at..], 2 * width, [n, head], 1.);
             let scores = &mut room.weights[..l * wide];
             product(arch, (scores, wide), gathered, (turned, wide), [l, head, wide], Store::Set);
-            arch.dispatch(|| {
-                for (d, weights) in scores.chunks_exact_mut(wide).zip(weights.chunks_exact(wide)) {
-                    rows::softmax_gradient(weights, d, scale);
-                }
-            });
+            rows::softmax_gradient(arch, scores, weights, wide, scale);
             let d_query = (&mut room.query[at..], width);
             product(arch, d_query, (scores, wide), (&key_value[at..], 2 * width), [l, n, head], Store::Set);
             let (d_keys, query) = ((&mut room.key_value[at..], 2 * width), (&work.query[at..], width));
@@ -272,30 +244,8 @@ impl Layer<'_> {
     fn map_gradient(&self, d_outputs: &[f32], inputs: &[f32], d: &mut (&mut [f32], &mut [f32]), n: usize) {
         let outputs = d.1.len();
         let width = d.0.len() / outputs;
-        let bias = &mut d.1;
-        self.arch.dispatch(|| d_outputs.chunks_exact(outputs).take(n).for_each(|row| rows::add(bias, row)));
+        rows::add_rows(self.arch, d.1, &d_outputs[..n * outputs]);
         let (to, from, with) = ((&mut *d.0, width), (d_outputs, outputs), (inputs, width));
         product_of_transpose(self.arch, to, from, with, [outputs, n, width], Store::Add);
-    }
-
-    fn norm_gradient(
-        &self,
-        gradient: &mut [f32],
-        normalised: &[f32],
-        scales: &[f32],
-        weight: &[f32],
-        d: &mut (&mut [f32], &mut [f32]),
-    ) {
-        let width = self.sizes.width;
-        self.arch.dispatch(|| {
-            let lines = gradient.chunks_exact_mut(width).zip(normalised.chunks_exact(width)).zip(scales);
-            for ((gradient, normalised), scale) in lines {
-                rows::norm_gradient(gradient, normalised, *scale, weight, d.0, d.1);
-            }
-        });
-    }
-
-    fn drop_gradient(&self, gradient: &mut [f32], mask: DropoutMask, first: usize) {
-        self.arch.dispatch(|| rows::drop_values(gradient, mask, first));
     }
 }
