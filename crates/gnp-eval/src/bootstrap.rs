@@ -197,7 +197,7 @@ mod tests {
     #[test]
     fn intervals_do_not_shrink_with_windows_of_the_same_vehicles() {
         let of = |windows| {
-            let interval = bootstrap().intervals(&sums(50, windows, |v| f64::from(v)), &[MetricKind::Ade])[0].unwrap();
+            let interval = bootstrap().intervals(&sums(50, windows, f64::from), &[MetricKind::Ade])[0].unwrap();
             interval.high - interval.low
         };
         assert!((of(1) - of(100)).abs() < 1e-9);

@@ -74,10 +74,13 @@ pub fn load_scores(path: &Path) -> Result<Vec<Score>, EvalError> {
     serde_json::from_str(&text).map_err(|source| EvalError::Json { path: path.into(), source })
 }
 
-/// A temporary file in the folder of `path`, to be renamed to it.
+/// A temporary file in the folder of `path`, to be renamed to it, as readable as any other file.
 pub(crate) fn beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    tempfile::NamedTempFile::new_in(folder)
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
+    builder.tempfile_in(folder)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Tables for people: the terminal and Markdown.
 
-use comfy_table::{CellAlignment, ContentArrangement, presets};
+use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, presets};
 
 use crate::metric::{Metric, MetricKind};
 use crate::protocol::Protocol;
@@ -8,6 +8,8 @@ use crate::score::{ALL_SITES, Score};
 
 /// Widest a terminal table gets, in columns.
 const TERMINAL_WIDTH: u16 = 100;
+/// Room that the models' names keep in it.
+const NAME_WIDTH: u16 = 12;
 
 /// What a table must say that its scores do not.
 #[derive(Clone, Debug, PartialEq)]
@@ -165,17 +167,25 @@ impl Table {
         let mut table = comfy_table::Table::new();
         table.load_preset(presets::UTF8_HORIZONTAL_ONLY);
         table.set_content_arrangement(ContentArrangement::Dynamic).set_width(TERMINAL_WIDTH);
-        table.set_header(&self.header);
+        // Titles break after the quantity: `RMSE` above `5 s`.
+        table.set_header(self.header.iter().map(|title| title.replacen(' ', "\n", 1)));
         for row in &self.rows {
             table.add_row(row.iter().map(|cell| match &cell.interval {
                 Some(interval) => format!("{}\n{interval}", cell.text),
                 None => cell.text.clone(),
             }));
         }
+        let widths = table.column_max_content_widths();
+        let numbers: u16 = widths.iter().skip(1).map(|width| width + 1).sum();
         for column in table.column_iter_mut() {
-            column.set_padding((0, 1));
-            if column.index > 0 {
-                column.set_cell_alignment(CellAlignment::Right);
+            column.set_padding((0, 0)); // the empty rule between columns parts them
+            if column.index == 0 {
+                continue;
+            }
+            column.set_cell_alignment(CellAlignment::Right);
+            // Only names wrap, unless the numbers leave them no room.
+            if numbers + NAME_WIDTH <= TERMINAL_WIDTH {
+                column.set_constraint(ColumnConstraint::ContentWidth);
             }
         }
         let mut text = String::new();

@@ -1,5 +1,7 @@
 //! Whole evaluations on small made-up roads: golden values, order, marks, refusals.
 
+#![allow(clippy::unwrap_used, clippy::panic)] // test code throughout, which clippy sees only inside #[test]
+
 use std::collections::BTreeMap;
 
 use gnp_data::{
