@@ -63,3 +63,8 @@ pub use crate::{
     vehicle::{SOFTENING, VehicleForceVjp, vehicle_force, vehicle_force_vjp, vehicle_potential},
 };
 pub use nalgebra;
+
+/// The README's program is compiled and run with the documentation tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

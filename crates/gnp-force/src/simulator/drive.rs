@@ -1,6 +1,6 @@
 //! What a vehicle wants.
 use crate::{
-    boxes::Extent,
+    boxes::{Extent, Separation, separation},
     error::{ForceError, require, require_not_negative},
     field::Attraction,
     scalar::lit,
@@ -60,6 +60,18 @@ impl<T: RealField + Copy> Vehicle<T> {
     #[must_use]
     pub fn truck(state: State<T>, drive: Drive<T>) -> Self {
         Self { extent: Extent::truck(), ..Self::car(state, drive) }
+    }
+
+    /// Something of that size that stands at (`x`, `y`) m and stays there.
+    #[must_use]
+    pub fn obstacle(x: T, y: T, extent: Extent<T>) -> Self {
+        Self { extent, ..Self::car(State::new(x, y, T::zero(), T::zero()), Drive::Steady) }
+    }
+
+    /// How its box lies to another's: the gap, and along and across the road by themselves.
+    #[must_use]
+    pub fn separation_from(&self, other: &Self) -> Separation<T> {
+        separation(self.state.position - other.state.position, self.extent, other.extent)
     }
 
     /// What others feel of it.

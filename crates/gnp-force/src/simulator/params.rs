@@ -69,7 +69,8 @@ impl<T: RealField + Copy> SimulatorParams<T> {
     ///
     /// In the paper a network chooses k for every neighbour and moment; with one k the law is too coarse for dense
     /// traffic in several lanes, where it pushes vehicles beside each other off the road. It suits joint roll-outs of a
-    /// few seconds, comparisons and symmetric test scenes.
+    /// few seconds, comparisons and symmetric test scenes. In one lane, cars that close in at up to 10 m/s from 20 m or
+    /// more, and wish to go no faster, do not touch.
     #[must_use]
     pub fn published(dt: T) -> Self {
         Self { repulsion: Repulsion::Published { k: lit(9.0), r_col: lit(26.0) }, ..Self::motorway(dt) }

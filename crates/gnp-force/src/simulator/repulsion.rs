@@ -43,6 +43,12 @@ pub enum Repulsion<T> {
 ///               r_col = g / stiffness        k = a exp(stiffness), so that F = a at s = g
 /// from beside   F = min(grip, beside exp(-s / beside_range)) n_y² n
 /// ```
+///
+/// **Range.** With [`MotorwayRule::standard`] and [`SimulatorParams::motorway`], steps up to 0.2 s, speeds up to 50 m/s
+/// and a wish up to 20 m/s above the present speed, a vehicle that closes in on another in its lane with `w` m/s does
+/// not touch it when it starts at least `2 m + w² / (2 (grip - a)) + w dt` away, that is, when braking with 7.5 m/s² from
+/// the first step on suffices; it comes to rest 1.9 m behind a standing one. Nearer than that, no driver could stop, and
+/// the boxes overlap. A platoon 43 m apart at 30 m/s outlives a leader that brakes with 8 m/s² to a stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct MotorwayRule<T> {
