@@ -122,7 +122,8 @@ fn tracks(rows: &Rows, count: usize, pick: impl Fn(usize) -> usize, body: impl F
         match (before, tracks.last_mut()) {
             (Some((same, last)), Some(track)) if same == vehicle && frame - last == 1 => track.rows.end = i + 1,
             (_, last) => {
-                let segment = last.filter(|last| last.vehicle == vehicle).map_or(0, |last| last.segment + 1);
+                let segment =
+                    last.filter(|last| last.vehicle == vehicle).map_or(0, |last| last.segment.saturating_add(1));
                 let Body { class, length, width, road } = body(row);
                 let rows = i..i + 1;
                 tracks.push(Track { vehicle, segment, road, class, length, width, first_frame: frame, rows });

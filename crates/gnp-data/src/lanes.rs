@@ -32,8 +32,20 @@ const SAMPLE: usize = 50_000;
 /// lie one lane's width beyond the outermost of these. A single lane has its edges half a lane's
 /// width from its median. Lanes with very few rows, and numbers beyond 6 (ramps), are left out;
 /// a lane without rows between two others gets its lines by equal spacing.
-pub(crate) fn fit(lane: &[i16], y: &[f32]) -> Vec<LaneLine> {
+pub(crate) fn fit(lane: &[i16], y: &[f32]) -> Fit {
     let centres = centres(lane, y);
+    Fit { lines: lines(&centres), width: width(&centres) }
+}
+
+/// Lane lines, and how wide the lanes between them are.
+pub(crate) struct Fit {
+    /// From right to left.
+    pub(crate) lines: Vec<LaneLine>,
+    /// Mean distance between the centres of neighbouring lanes, m; `None` with fewer than two lanes.
+    pub(crate) width: Option<f32>,
+}
+
+fn lines(centres: &[(i16, f32)]) -> Vec<LaneLine> {
     let centre_line = |y| LaneLine { kind: LineKind::Centre, y };
     let mut lines: Vec<LaneLine> = Vec::new();
     for pair in centres.windows(2) {
@@ -53,9 +65,7 @@ pub(crate) fn fit(lane: &[i16], y: &[f32]) -> Vec<LaneLine> {
     lines
 }
 
-/// Mean distance between the centres of neighbouring lanes, m; `None` with fewer than two lanes.
-pub(crate) fn width(lane: &[i16], y: &[f32]) -> Option<f32> {
-    let centres = centres(lane, y);
+fn width(centres: &[(i16, f32)]) -> Option<f32> {
     let ((left, y_left), (right, y_right)) = (centres.first()?, centres.last()?);
     (right > left).then(|| (y_left - y_right) / f32::from(right - left))
 }
@@ -112,7 +122,7 @@ mod tests {
 
     fn lines(lanes: &[(i16, f32, usize)]) -> Vec<(LineKind, f32)> {
         let (lane, y) = rows(lanes);
-        fit(&lane, &y).iter().map(|line| (line.kind, (line.y * 100.).round() / 100.)).collect()
+        fit(&lane, &y).lines.iter().map(|line| (line.kind, (line.y * 100.).round() / 100.)).collect()
     }
 
     use LineKind::{Boundary, Centre};

@@ -5,7 +5,7 @@ use crate::lookup::FrameIndex;
 use crate::recording::{Columns, NOBODY, Recording, RecordingMeta, Road, Track};
 
 /// Longest span of frames a recording may have: a day at 100 Hz. The frame index is as long.
-const MAX_FRAMES: u32 = 8_640_000;
+pub(crate) const MAX_FRAMES: u32 = 8_640_000;
 
 impl Recording {
     /// A recording of `tracks` sorted by (vehicle, segment), whose rows follow one another in

@@ -47,7 +47,7 @@ pub struct Expectation {
 /// does not grow with their number.
 ///
 /// NGSIM: one recording for each site and period of the file, named `FILE` or, where there are
-/// several, `FILE/SITE-PERIOD`. highD: one recording.
+/// several, `FILE-SITE-PERIOD`. highD: one recording.
 ///
 /// # Errors
 /// Any [`DataError`] about a file: see there.

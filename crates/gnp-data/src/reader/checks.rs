@@ -2,6 +2,7 @@
 
 use super::table::{Table, Wanted};
 use crate::error::DataError;
+use crate::parts::MAX_FRAMES;
 
 impl Table {
     /// Numbers of vehicles and frames.
@@ -10,6 +11,16 @@ impl Table {
             return Err(self.bad_value(row, column, values[row], "is negative; repair it or remove the row"));
         }
         Ok(values.into_iter().map(i32::cast_unsigned).collect())
+    }
+
+    /// Frames, not further apart than a recording may be long.
+    pub(super) fn frames(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<u32>, DataError> {
+        let frames = self.natural(values, column)?;
+        let first = frames.iter().min().copied().unwrap_or(0);
+        match frames.iter().position(|frame| frame - first > MAX_FRAMES) {
+            Some(row) => Err(self.bad_value(row, column, frames[row], "is far from all other frames; repair it")),
+            None => Ok(frames),
+        }
     }
 
     /// Lane numbers; 0 is unknown.

@@ -45,11 +45,13 @@ pub(super) fn tidy(bytes: &[u8], separator: Separator) -> Vec<u8> {
 pub(super) fn first_fault(table: &Table, block: &Block, wanted: &[Wanted]) -> DataError {
     for (i, bytes) in block.bytes.split(|b| *b == b'\n').enumerate() {
         let line = block.line + i as u64;
-        let text = String::from_utf8_lossy(bytes);
+        let Ok(text) = std::str::from_utf8(bytes) else {
+            return DataError::Table { file: table.file.clone(), reason: format!("line {line} is not UTF-8 text") };
+        };
         if text.trim().is_empty() {
             continue;
         }
-        let fields: Vec<&str> = split(&text, table.separator).collect();
+        let fields: Vec<&str> = split(text, table.separator).collect();
         if fields.len() != table.columns.len() {
             let other = [';', '|'].into_iter().find(|c| text.matches(*c).count() + 1 == table.columns.len());
             if let Some(found) = other.filter(|_| fields.len() == 1) {

@@ -1,5 +1,6 @@
 //! Finding recordings in a folder by what is in the files.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -131,18 +132,19 @@ fn place(root: &Path, file: &Path, name: &str) -> String {
     parts.chain([name.to_owned()]).collect::<Vec<_>>().join("/")
 }
 
-/// Drops the folders from names that are unique without them.
+/// Drops the folders from names that are unique without them, and makes the others fit for files.
 fn shorten(sources: &mut [Source]) {
     let last = |name: &str| name.rsplit('/').next().unwrap_or(name).to_owned();
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     for source in sources.iter() {
         *counts.entry(last(&source.name)).or_default() += 1;
     }
+    let mut taken = BTreeSet::new();
     for source in sources {
         let short = last(&source.name);
-        if counts.get(&short) == Some(&1) {
-            source.name = short;
-        }
+        let name = if counts.get(&short) == Some(&1) { short } else { source.name.replace('/', "-") };
+        let numbered = std::iter::once(name.clone()).chain((2..).map(|i| format!("{name}-{i}")));
+        source.name = numbered.into_iter().find(|name| taken.insert(name.clone())).unwrap_or(name);
     }
 }
 
@@ -160,7 +162,7 @@ fn ngsim_sources(root: &Path, found: &mut Found) -> Result<Vec<Source>, DataErro
         }
         sources.push(Source {
             dataset: Dataset::Ngsim,
-            site: ngsim::site_of(Path::new(&name)),
+            site: ngsim::site_of(file),
             name,
             files: vec![file.clone()],
             simulated: *simulated,
@@ -198,10 +200,9 @@ fn highd_sources(root: &Path, only: Option<&Path>, found: &mut Found) -> Result<
         };
         let group = groups.entry(name.clone()).or_default();
         group.simulated |= simulated;
-        if group.parts.contains_key(&part) {
-            group.notes.push(format!("{} is there twice and was not read", file.display()));
-        } else {
-            group.parts.insert(part, file.clone());
+        match group.parts.entry(part) {
+            Entry::Vacant(place) => drop(place.insert(file.clone())),
+            Entry::Occupied(_) => group.notes.push(format!("{} is there twice and was not read", file.display())),
         }
         if asked {
             wanted.insert(name);

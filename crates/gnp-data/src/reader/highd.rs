@@ -240,7 +240,7 @@ fn read_tracks(table: &Table, meta: &Table, bodies: Vec<(u32, Body)>) -> Result<
     let mut next = || values.next();
     let whole = |values: Option<Values>| values.map(Values::whole).unwrap_or_default();
     let real = |values: Option<Values>| values.map(Values::real).unwrap_or_default();
-    let frame = table.natural(whole(next()), wanted[0])?;
+    let frame = table.frames(whole(next()), wanted[0])?;
     let vehicle = table.natural(whole(next()), wanted[1])?;
     let (mut x, mut y) = (real(next()), real(next()));
     let lengths = table.positive(real(next()), wanted[4])?;

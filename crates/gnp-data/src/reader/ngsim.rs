@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::periods::{Group, Moments, out_of_order, separate};
+use super::periods::{Group, Moments, Sites, out_of_order, separate};
 use super::sniff::{Head, Header, Separator};
 use super::table::{Kind, Table, Wanted};
 use super::{Expectation, Source, check_rate};
@@ -99,18 +99,21 @@ pub(super) fn recognise(file: &Path, head: &Head) -> Result<Option<Table>, DataE
     Ok(Some(Table { has_header: false, ..Table::new(file, Header { separator, names }) }))
 }
 
-/// Site that a file name tells, as the official downloads are named.
-pub(super) fn site_of(path: &Path) -> Option<String> {
-    let name = path.to_string_lossy().to_ascii_lowercase();
-    let any = |hints: &[&str]| hints.iter().any(|hint| name.contains(hint));
-    // Periods of the downloads: US-101 in the morning, I-80 in the afternoon.
-    if any(&["us-101", "us101", "us_101", "0750", "0805am", "0820"]) {
-        Some("us-101".into())
-    } else if any(&["i-80", "i80", "i_80", "0400", "0500", "0515"]) {
-        Some("i-80".into())
-    } else {
-        None
-    }
+/// Site that the name of a file, or of the nearest folder above it, tells, as the official downloads
+/// are named.
+pub(super) fn site_of(file: &Path) -> Option<String> {
+    file.components().rev().find_map(|part| {
+        let name = part.as_os_str().to_string_lossy().to_ascii_lowercase();
+        let any = |hints: &[&str]| hints.iter().any(|hint| name.contains(hint));
+        // Periods of the downloads: US-101 in the morning, I-80 in the afternoon.
+        if any(&["us-101", "us101", "us_101", "0750am", "0805am", "0820am"]) {
+            Some("us-101".to_owned())
+        } else if any(&["i-80", "i80", "i_80", "0400-0415", "0400pm", "0500-0515", "0500pm", "0515-0530", "0515pm"]) {
+            Some("i-80".to_owned())
+        } else {
+            None
+        }
+    })
 }
 
 /// What is read of a table, row by row.
@@ -142,7 +145,7 @@ pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recordi
     let raw = read_rows(&table)?;
     let (sites, mut skipped) = sites_of(&raw, source);
     let moments = Moments { vehicle: &raw.vehicle, frame: &raw.frame, time: &raw.time };
-    let groups = separate(&moments, sites);
+    let groups = separate(&moments, &sites);
     if groups.is_empty() {
         return Err(DataError::NoRecordings {
             folder: file.clone(),
@@ -155,7 +158,7 @@ pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recordi
     for group in &groups {
         let name = match (&group.site, several) {
             (_, false) => source.name.clone(),
-            (site, true) => format!("{}/{site}-{}", source.name, group.period),
+            (site, true) => format!("{}-{site}-{}", source.name, group.period),
         };
         let (recording, mut quality) = build(&table, &raw, group, name, source, expect, merged)?;
         quality.skipped_rows = std::mem::take(&mut skipped);
@@ -191,7 +194,7 @@ fn read_rows(table: &Table) -> Result<Raw, DataError> {
         values
     };
     let raw_vehicle = table.natural(whole(next()), vehicle)?;
-    let raw_frame = table.natural(whole(next()), frame)?;
+    let raw_frame = table.frames(whole(next()), frame)?;
     let time = next().map(super::table::Values::time).unwrap_or_default();
     let (right, front) = (metres(next()), metres(next()));
     let lengths = table.positive(metres(next()), length)?;
@@ -232,16 +235,17 @@ fn read_rows(table: &Table) -> Result<Raw, DataError> {
 
 /// Site of every row by code, the list of sites with `None` for those that are not motorways, and
 /// the rows of the latter.
-fn sites_of<'a>(raw: &'a Raw, source: &Source) -> ((&'a [u16], Vec<Option<String>>), BTreeMap<String, u64>) {
+fn sites_of<'a>(raw: &'a Raw, source: &Source) -> (Sites<'a>, BTreeMap<String, u64>) {
     let mut skipped = BTreeMap::new();
     let Some((codes, words)) = &raw.site else {
-        return ((&[], vec![Some(source.site.clone().unwrap_or_else(|| "ngsim".into()))]), skipped);
+        let name = source.site.clone().unwrap_or_else(|| "ngsim".into());
+        return (Sites { codes: &[], names: vec![Some(name)] }, skipped);
     };
     let mut rows = vec![0u64; words.len()];
     for code in codes {
         rows[usize::from(*code)] += 1;
     }
-    let sites = words.iter().zip(rows).map(|(word, rows)| {
+    let names = words.iter().zip(rows).map(|(word, rows)| {
         let site = word.trim().to_ascii_lowercase();
         if SITES.contains(&site.as_str()) {
             return Some(site);
@@ -249,8 +253,8 @@ fn sites_of<'a>(raw: &'a Raw, source: &Source) -> ((&'a [u16], Vec<Option<String
         *skipped.entry(format!("site {site} is not a motorway")).or_insert(0) += rows;
         None
     });
-    let sites = sites.collect();
-    ((codes, sites), skipped)
+    let names = names.collect();
+    (Sites { codes, names }, skipped)
 }
 
 /// The recording of one site and period.
@@ -285,8 +289,8 @@ fn build(
     let x: Vec<f32> = (0..count).map(|i| raw.front[at(i)] - raw.length[at(i)] / 2.).collect();
     let lane: Vec<i16> = (0..count).map(|i| raw.lane[at(i)]).collect();
     check_lengths(table, gather(&raw.length))?;
-    let lines = lanes::fit(&lane, &y);
-    check_lanes(table, &lane, &y)?;
+    let fit = lanes::fit(&lane, &y);
+    check_lanes(table, fit.width)?;
     let rows = Rows {
         vehicle: (0..count).map(|i| raw.vehicle[at(i)]).collect(),
         frame: (0..count).map(|i| raw.frame[at(i)]).collect(),
@@ -302,7 +306,7 @@ fn build(
     };
     let meta =
         RecordingMeta { dataset: Dataset::Ngsim, site: group.site.clone(), name, rate_hz, simulated: source.simulated };
-    let roads = vec![Road { driving_direction: 2, lines, fitted: true }];
+    let roads = vec![Road { driving_direction: 2, lines: fit.lines, fitted: true }];
     let (recording, mut quality) = assemble(meta, roads, rows, body)?;
     quality.out_of_order = out_of_order;
     check_speeds(table, &recording)?;
@@ -322,8 +326,8 @@ fn check_lengths(table: &Table, mut lengths: Vec<f32>) -> Result<(), DataError> 
     })
 }
 
-fn check_lanes(table: &Table, lane: &[i16], y: &[f32]) -> Result<(), DataError> {
-    let Some(width) = lanes::width(lane, y) else { return Ok(()) };
+fn check_lanes(table: &Table, width: Option<f32>) -> Result<(), DataError> {
+    let Some(width) = width else { return Ok(()) };
     let (what, remedy) = if width > MAX_LANE_WIDTH {
         (
             format!("lanes are {width:.1} m wide, more than {MAX_LANE_WIDTH} m"),

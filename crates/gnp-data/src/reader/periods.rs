@@ -52,10 +52,17 @@ pub(super) struct Group {
     pub(super) rows: Picked,
 }
 
-/// Groups of a file by site, then time. `sites` are the site of every row by code, or none where
-/// there is but one, and the names for the codes; rows of a site without a name are left out.
-pub(super) fn separate(moments: &Moments<'_>, sites: (&[u16], Vec<Option<String>>)) -> Vec<Group> {
-    let (codes, names) = sites;
+/// Which site every row of a file has.
+pub(super) struct Sites<'a> {
+    /// Place of the row's site in `names`; empty where all rows have the first.
+    pub(super) codes: &'a [u16],
+    /// Names; `None` for a site whose rows are left out.
+    pub(super) names: Vec<Option<String>>,
+}
+
+/// Groups of a file by site, then time.
+pub(super) fn separate(moments: &Moments<'_>, sites: &Sites<'_>) -> Vec<Group> {
+    let Sites { codes, names } = sites;
     let mut groups = Vec::new();
     // Two spellings of a site are one site.
     let mut by_name: BTreeMap<&String, Vec<usize>> = BTreeMap::new();
@@ -221,7 +228,7 @@ mod tests {
         let time: Vec<i64> = rows.iter().map(|row| row.2).collect();
         let names = names.iter().map(|name| name.map(str::to_owned)).collect();
         let moments = Moments { vehicle: &vehicle, frame: &frame, time: &time };
-        separate(&moments, (codes, names)).into_iter().map(|g| (g.site, g.period, g.rows)).collect()
+        separate(&moments, &Sites { codes, names }).into_iter().map(|g| (g.site, g.period, g.rows)).collect()
     }
 
     #[test]

@@ -155,8 +155,8 @@ impl Table {
         Err(diagnosis::first_fault(self, block, wanted))
     }
 
-    /// Whether the number of commas is that of a table in which every line has all fields. polars
-    /// does not look at fields after the last one wanted.
+    /// Whether the number of commas is that of a table in which every line has all fields: polars
+    /// does not look at fields after the last one wanted. Quotes are for [`diagnosis::tidy`].
     fn is_even(&self, bytes: &[u8]) -> bool {
         let (mut commas, mut lines, mut quotes) = (0, 0, 0);
         for chunk in bytes.chunks(1 << 12) {
@@ -165,7 +165,7 @@ impl Table {
             quotes += chunk.iter().filter(|b| **b == b'"').count();
         }
         lines += usize::from(bytes.last().is_some_and(|b| *b != b'\n'));
-        quotes > 0 || commas == lines * (self.columns.len() - 1)
+        quotes == 0 && commas == lines * (self.columns.len() - 1)
     }
 
     fn parse(&self, bytes: &[u8], wanted: &[Wanted], lenient: bool) -> PolarsResult<DataFrame> {
@@ -184,6 +184,7 @@ impl Table {
         CsvReadOptions::default()
             .with_has_header(false)
             .with_schema(Some(Arc::new(schema)))
+            .map_parse_options(|options| options.with_quote_char(None))
             .with_projection(Some(Arc::new(wanted.iter().map(|column| column.index).collect())))
             .into_reader_with_file_handle(Cursor::new(bytes))
             .finish()

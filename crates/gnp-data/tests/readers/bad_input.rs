@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use gnp_data::{DataError, Dataset};
+use rand::{Rng as _, SeedableRng as _};
 
 use super::highd::{Files, scene};
 use super::ngsim::{HEADER, csv, rows};
@@ -278,4 +279,46 @@ fn every_file_stays_as_it_was() {
     let list = |folder: &Path| std::fs::read_dir(folder).unwrap().count();
     assert!(read_all(folder.path(), Dataset::Ngsim).is_err());
     assert_eq!(list(folder.path()), 1, "nothing half-written is left");
+}
+
+#[test]
+fn a_frame_far_from_all_others() {
+    let error = ngsim(&with(&good(), 11, 2, "2000000000"));
+    says(&error, &["bad.csv", "line 11", "frame_id", "2000000000", "repair"]);
+}
+
+#[test]
+fn no_damage_makes_a_reader_panic() {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+    let folder = tempfile::tempdir().unwrap();
+    let mut refused = 0;
+    for round in 0..300 {
+        let mut files = scene();
+        let text = match round % 4 {
+            0 => &mut files.tracks,
+            1 => &mut files.tracks_meta,
+            2 => &mut files.recording_meta,
+            _ => &mut good(),
+        };
+        let mut bytes = std::mem::take(text).into_bytes();
+        for _ in 0..random.random_range(1..4) {
+            let place = random.random_range(0..bytes.len());
+            bytes[place] = *b"\"\n,;0-.\xffx \r\0eN".get(random.random_range(0..14)).unwrap();
+        }
+        if random.random_bool(0.2) {
+            bytes.truncate(random.random_range(0..bytes.len()));
+        }
+        if round % 4 == 3 {
+            let file = folder.path().join("bad.csv");
+            std::fs::write(&file, bytes).unwrap();
+            refused += u32::from(read_all(&file, Dataset::Ngsim).is_err());
+            std::fs::remove_file(file).unwrap();
+        } else {
+            let name = ["05_tracks.csv", "05_tracksMeta.csv", "05_recordingMeta.csv"][round % 4];
+            scene().put(folder.path(), "05");
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+            refused += u32::from(read_all(folder.path(), Dataset::HighD).is_err());
+        }
+    }
+    assert!(refused > 100, "most damage is noticed: {refused} of 300");
 }

@@ -70,8 +70,8 @@ fn a_folder_is_searched_to_the_bottom_and_named_for_uniqueness() {
         found,
         [
             ("trajectories-0400-0415", Some("i-80")),
-            ("us-101/0750am-0805am/trajectories", Some("us-101")),
-            ("us-101/0805am-0820am/trajectories", Some("us-101")),
+            ("us-101-0750am-0805am-trajectories", Some("us-101")),
+            ("us-101-0805am-0820am-trajectories", Some("us-101")),
         ]
     );
     assert!(sources[0].notes[0].contains("trajectories-0400-0415.txt"), "{:?}", sources[0].notes);

@@ -1,5 +1,7 @@
 //! The readers, from files to recordings: every layout, every quirk, every kind of bad input.
 
+#![allow(clippy::unwrap_used)] // also outside the test functions
+
 mod bad_input;
 mod cache;
 mod highd;

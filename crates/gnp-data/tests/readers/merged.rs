@@ -42,7 +42,7 @@ fn sites_and_periods_are_told_apart() {
     let all = read_all(&file, Dataset::Ngsim).unwrap();
     assert_eq!(
         summary(&all),
-        [("export/i-80-1", "i-80", 1, 6), ("export/us-101-1", "us-101", 2, 20), ("export/us-101-2", "us-101", 1, 15),]
+        [("export-i-80-1", "i-80", 1, 6), ("export-us-101-1", "us-101", 2, 20), ("export-us-101-2", "us-101", 1, 15),]
     );
     // Vehicle 1 of the second period starts elsewhere than vehicle 1 of the first: not joined.
     assert!((all[2].0.state(0).x - (400. - 10.) * 0.3048).abs() < 1e-3);
