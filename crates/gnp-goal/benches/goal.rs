@@ -83,6 +83,12 @@ fn goal(criterion: &mut Criterion) {
                     bencher.iter(|| black_box(case.train(&mut dropout)));
                 });
             }
+            // The same as a graph of candle operations: what the fused form is worth.
+            let graph = Case { net: case.net.clone().as_graph(), ..case };
+            group.bench_function("graph/train/dropout_0.1", |bencher| {
+                let mut dropout = Dropout::new(0.1, 1);
+                bencher.iter(|| black_box(graph.train(&mut dropout)));
+            });
             group.finish();
         }
     }

@@ -17,7 +17,7 @@ pub struct GoalConfig {
     /// Hidden units of a feed-forward part, as a multiple of the width; 2 in the paper.
     pub feed_forward: usize,
     /// Share of values dropped in training, after each attention and each feed-forward part, before
-    /// they are added; 0.1 in the paper.
+    /// they are added; 0.1 in the paper. Who trains makes the `gnp_nn::Dropout` of this rate.
     pub dropout: f32,
     /// Where modes get their probability.
     pub probability: ProbabilityHead,
@@ -87,6 +87,25 @@ impl GoalConfig {
     }
 }
 
+impl GoalShape {
+    /// # Errors
+    /// When a size is 0; the message names it.
+    pub fn check(&self) -> Result<(), GoalError> {
+        for (key, value) in [
+            ("shape.observed", self.observed),
+            ("shape.neighbour", self.neighbour),
+            ("shape.slots", self.slots),
+            ("shape.t_pred", self.t_pred),
+        ] {
+            if value == 0 {
+                let remedy = "the data must give at least 1".to_owned();
+                return Err(GoalError::Setting { key, value: value.to_string(), remedy });
+            }
+        }
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,5 +147,19 @@ mod tests {
         let again = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();
         assert_eq!(config, again);
         assert!(serde_json::from_str::<GoalConfig>(&text.replace("heads", "head")).is_err());
+    }
+
+    #[test]
+    fn no_size_may_be_zero() {
+        let good = GoalShape { observed: 4, neighbour: 3, slots: 2, t_pred: 5 };
+        assert!(good.check().is_ok());
+        for (bad, key) in [
+            (GoalShape { observed: 0, ..good }, "observed"),
+            (GoalShape { neighbour: 0, ..good }, "neighbour"),
+            (GoalShape { slots: 0, ..good }, "slots"),
+            (GoalShape { t_pred: 0, ..good }, "t_pred"),
+        ] {
+            assert!(bad.check().unwrap_err().to_string().contains(key));
+        }
     }
 }

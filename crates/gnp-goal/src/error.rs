@@ -24,6 +24,14 @@ pub enum GoalError {
         /// What it should be.
         needed: String,
     },
+    /// A mode that does not exist was picked.
+    #[error("mode {index} was picked, but there are only {modes}: pick from 0 to {}", modes - 1)]
+    Mode {
+        /// The mode picked.
+        index: u32,
+        /// How many there are.
+        modes: usize,
+    },
     /// candle's own failure.
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),

@@ -54,9 +54,10 @@ impl GoalNet {
     /// `enc.0`.., `dec`, `prob` and `goal`, and `nobody` and `slot` where the configuration has them.
     ///
     /// # Errors
-    /// When a setting is out of range, or `vb` holds weights of another shape under these names.
+    /// When a setting is out of range, a size is 0, or `vb` holds weights of another shape under these names.
     pub fn new(config: &GoalConfig, shape: GoalShape, vb: VarBuilder) -> Result<Self, GoalError> {
         config.check()?;
+        shape.check()?;
         let width = config.width;
         let block = |vb| Block::new(width, config.heads, config.feed_forward, vb);
         let learned = |shape: &[usize], name| {
@@ -100,7 +101,8 @@ impl GoalNet {
     /// - `dropout`: one in training, none for inference
     ///
     /// # Errors
-    /// When a shape differs from the network's; the message has both.
+    /// When a shape differs from the network's (the message has both), or a mode is picked that does
+    /// not exist.
     pub fn forward(
         &self,
         observed: &Tensor,
@@ -130,7 +132,7 @@ impl GoalNet {
         let logits = |x: &Tensor| self.probability.forward(x)?.squeeze(D::Minus1);
         let (logits, decoded, indices) = match self.config.probability {
             ProbabilityHead::Encoder => {
-                let logits = logits(&x)?;
+                let logits: Tensor = logits(&x)?;
                 let indices = pick.indices(&logits)?;
                 (logits, decode(&rows(&x, &indices)?)?, indices)
             }
@@ -207,8 +209,8 @@ impl GoalNet {
         };
         let GoalShape { observed: features, neighbour, slots, t_pred } = self.shape;
         let batch = match *observed.dims() {
-            [batch, found] if found == features => batch,
-            _ => return wrong("observed", observed, format!("[batch, {features}]")),
+            [batch, found] if found == features && batch > 0 => batch,
+            _ => return wrong("observed", observed, format!("[batch, {features}] with at least one window")),
         };
         if neighbours.dims() != [batch, slots, neighbour] {
             return wrong("neighbours", neighbours, format!("[{batch}, {slots}, {neighbour}]"));
@@ -220,9 +222,10 @@ impl GoalNet {
             return wrong("modes", modes, format!("[modes, {t_pred}, 2] with at least one mode"));
         }
         match pick {
-            Pick::Indices(indices) if indices.rank() != 2 || indices.dims()[0] != batch => {
-                wrong("pick", indices, format!("[{batch}, k]"))
+            Pick::Indices(indices) if !matches!(*indices.dims(), [b, k] if b == batch && k > 0) => {
+                wrong("pick", indices, format!("[{batch}, k] with k at least 1"))
             }
+            Pick::MostProbable(0) => wrong("pick", &mask.narrow(1, 0, 0)?, format!("[{batch}, k] with k at least 1")),
             _ => Ok(batch),
         }
     }

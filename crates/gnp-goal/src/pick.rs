@@ -2,6 +2,8 @@
 
 use candle_core::{D, Device, Result, Tensor};
 
+use crate::error::GoalError;
+
 /// Which modes are decoded.
 #[derive(Clone, Debug)]
 pub enum Pick {
@@ -14,11 +16,18 @@ pub enum Pick {
 
 impl Pick {
     /// Indices `[batch, k]` for `logits` `[batch, modes]`.
-    pub(crate) fn indices(&self, logits: &Tensor) -> Result<Tensor> {
+    pub(crate) fn indices(&self, logits: &Tensor) -> std::result::Result<Tensor, GoalError> {
+        let (batch, modes) = logits.dims2()?;
         match self {
-            Self::Indices(indices) => Ok(indices.clone()),
+            Self::Indices(indices) => {
+                // Checked here, because one beyond the last mode is the next window's first.
+                let picked = indices.flatten_all()?.to_vec1::<u32>()?;
+                match picked.into_iter().find(|index| *index as usize >= modes) {
+                    Some(index) => Err(GoalError::Mode { index, modes }),
+                    None => Ok(indices.clone()),
+                }
+            }
             Self::MostProbable(k) => {
-                let (batch, modes) = logits.dims2()?;
                 let k = (*k).min(modes);
                 let mut picked = Vec::with_capacity(batch * k);
                 for row in logits.to_device(&Device::Cpu)?.to_vec2::<f32>()? {
@@ -26,7 +35,7 @@ impl Pick {
                     order.sort_by(|a, b| row[*b as usize].total_cmp(&row[*a as usize]).then(a.cmp(b)));
                     picked.extend_from_slice(&order[..k]);
                 }
-                Tensor::from_vec(picked, (batch, k), logits.device())
+                Ok(Tensor::from_vec(picked, (batch, k), logits.device())?)
             }
         }
     }
@@ -48,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_most_probable_come_first() -> Result<()> {
+    fn the_most_probable_come_first() -> std::result::Result<(), Box<dyn std::error::Error>> {
         let logits = Tensor::new(&[[0.1f32, 3., -1., 3.], [5., 4., 6., 1.]], &Device::Cpu)?;
         let picked = Pick::MostProbable(3).indices(&logits)?.to_vec2::<u32>()?;
         assert_eq!(picked, [[1, 3, 0], [2, 0, 1]]);

@@ -1,4 +1,5 @@
 //! What must hold for every form of the network.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
 use candle_core::{DType, Device, Tensor};
 use gnp_goal::{
@@ -277,9 +278,26 @@ fn wrong_shapes_are_named() {
         let error = case.net.forward(&observed, &neighbours, &mask, &modes, &all, None).unwrap_err();
         assert!(matches!(&error, GoalError::Shape { name: found, .. } if *found == name), "{error}");
     }
-    let pick = Pick::Indices(Tensor::zeros((3, 1), DType::U32, &Device::Cpu).unwrap());
-    let error = case.net.forward(&case.observed, &case.neighbours, &case.mask, &case.modes, &pick, None).unwrap_err();
-    assert!(error.to_string().contains("pick"), "{error}");
-    let pick = Pick::Indices(Tensor::new(&[[9u32], [0], [0], [0]], &Device::Cpu).unwrap());
-    assert!(case.net.forward(&case.observed, &case.neighbours, &case.mask, &case.modes, &pick, None).is_err());
+    let index = |modes: &[u32]| Pick::Indices(Tensor::new(modes, &Device::Cpu).unwrap().unsqueeze(1).unwrap());
+    for config in [published(), ours()] {
+        let case = Case::new(&config);
+        let with = |pick: &Pick| {
+            case.net
+                .forward(&case.observed, &case.neighbours, &case.mask, &case.modes, pick, None)
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(with(&index(&[0, 0, 0])).contains("pick"));
+        assert!(with(&Pick::MostProbable(0)).contains("pick"));
+        assert!(with(&index(&[9, 0, 0, 0])).contains("mode 9"));
+    }
+    let none = case.net.forward(
+        &zeros(&[0, 13]),
+        &zeros(&[0, 5, 11]),
+        &zeros(&[0, 5]),
+        &zeros(&[9, 6, 2]),
+        &Pick::MostProbable(1),
+        None,
+    );
+    assert!(none.unwrap_err().to_string().contains("at least one window"));
 }
