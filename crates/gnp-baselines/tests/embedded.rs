@@ -17,7 +17,8 @@ fn embedded(site: &str) -> Vec<Recording> {
 
 /// Root of the mean squared displacement at 1, 2, .., 5 s, m.
 fn rmse(predictor: &dyn Predictor, recordings: &[Recording], stride_s: f64) -> [f64; 5] {
-    let config = WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 10., stride_s };
+    let config =
+        WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 10., stride_s, site_stride_s: Default::default() };
     let (set, _) = WindowSet::cut(recordings, &config).unwrap();
     let observations: Vec<_> = set.iter().map(|window| window.observation()).collect();
     let forecasts = predictor.predict(&observations, 1).unwrap();

@@ -20,6 +20,9 @@ pub struct WindowConfig {
     pub rate_hz: f64,
     /// Time from one window of a track to the next, s.
     pub stride_s: f64,
+    /// Another stride at single sites, such as `i-80`, s: so that a long recording does not drown
+    /// short scenes.
+    pub site_stride_s: BTreeMap<String, f64>,
 }
 
 impl WindowConfig {
@@ -34,7 +37,8 @@ impl WindowConfig {
             ("rate_hz", self.rate_hz),
             ("stride_s", self.stride_s),
         ];
-        for (key, value) in keys {
+        let sites = self.site_stride_s.values().map(|stride| ("site_stride_s", *stride));
+        for (key, value) in keys.into_iter().chain(sites) {
             if !(value.is_finite() && value > 0.) {
                 return Err(bad_value(key, value, "must be a positive number".to_owned()));
             }
@@ -69,13 +73,16 @@ impl WindowConfig {
     /// As [`WindowConfig::shape_for`].
     pub fn count(&self, recording: &Recording) -> Result<RecordingDrops, DataError> {
         let rate_hz = recording.meta().rate_hz;
-        let (shape, stride) = (self.shape_for(rate_hz)?, self.stride_for(rate_hz)?);
+        let (shape, stride) = (self.shape_for(rate_hz)?, self.stride_for(&recording.meta().site, rate_hz)?);
         Ok(cut_recording(0, recording, shape, stride, &mut Vec::new()))
     }
 
     /// Recorded frames from one window of a track to the next.
-    fn stride_for(&self, recording_hz: f64) -> Result<usize, DataError> {
-        frames("stride_s", self.stride_s, recording_hz)
+    fn stride_for(&self, site: &str, recording_hz: f64) -> Result<usize, DataError> {
+        match self.site_stride_s.get(site) {
+            Some(stride) => frames("site_stride_s", *stride, recording_hz),
+            None => frames("stride_s", self.stride_s, recording_hz),
+        }
     }
 }
 
@@ -135,7 +142,7 @@ impl<'a> WindowSet<'a> {
                 return Err(DataError::DuplicateRecording { recording: meta.name.clone() });
             }
             let shape = config.shape_for(meta.rate_hz)?;
-            let stride = config.stride_for(meta.rate_hz)?;
+            let stride = config.stride_for(&meta.site, meta.rate_hz)?;
             let index = narrow(index, &meta.name)?;
             narrow(recording.len(), &meta.name)?;
             drops.recordings.push(cut_recording(index, recording, shape, stride, &mut set.ids));

@@ -24,7 +24,13 @@ fn split_config(kind: SplitKind, sites: BTreeMap<String, SplitKind>) -> SplitCon
 #[test]
 fn ngsim_scenes_are_held_out_whole_and_i_80_by_vehicle() {
     let recordings = embedded("ngsim", Dataset::Ngsim);
-    let config = WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 10., stride_s: 0.2 };
+    let config = WindowConfig {
+        observed_s: 3.,
+        predicted_s: 5.,
+        rate_hz: 10.,
+        stride_s: 0.2,
+        site_stride_s: Default::default(),
+    };
     let (set, drops) = WindowSet::cut(&recordings, &config).unwrap();
     let total = drops.total();
     assert_eq!(total.candidates, set.len() + total.gap + total.track_too_short + total.past_track_end);
@@ -61,7 +67,8 @@ fn ngsim_scenes_are_held_out_whole_and_i_80_by_vehicle() {
 fn simulated_recordings_give_windows_of_a_full_three_seconds() {
     let recordings = embedded("highd", Dataset::HighD);
     assert!(recordings.iter().all(|recording| recording.meta().simulated));
-    let config = WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 25., stride_s: 1. };
+    let config =
+        WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 25., stride_s: 1., site_stride_s: Default::default() };
     let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
     assert_eq!((set.shape().observed, set.shape().predicted), (76, 125));
     for kind in [SplitKind::Recording, SplitKind::Vehicle, SplitKind::Time] {

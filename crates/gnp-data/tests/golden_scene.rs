@@ -217,7 +217,13 @@ fn ngsim(scrambled: Option<u32>) -> Recording {
 
 fn config(rate_hz: f64) -> WindowConfig {
     let frames = |count: f64| count / rate_hz;
-    WindowConfig { observed_s: frames(30.), predicted_s: frames(50.), rate_hz, stride_s: frames(1.) }
+    WindowConfig {
+        observed_s: frames(30.),
+        predicted_s: frames(50.),
+        rate_hz,
+        stride_s: frames(1.),
+        site_stride_s: Default::default(),
+    }
 }
 
 /// Every window shows the known metres, with left and right exchanged in the mirror image.

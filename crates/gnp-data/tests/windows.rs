@@ -93,13 +93,34 @@ fn resampling_takes_every_nth_row() {
 
 #[test]
 fn the_published_lengths_are_31_and_76_observed_frames() {
-    let config = |rate_hz, stride_s| WindowConfig { observed_s: 3., predicted_s: 5., rate_hz, stride_s };
+    let config = |rate_hz, stride_s| WindowConfig {
+        observed_s: 3.,
+        predicted_s: 5.,
+        rate_hz,
+        stride_s,
+        site_stride_s: Default::default(),
+    };
     let ngsim = config(10., 1.).shape_for(10.).unwrap();
     let highd = config(25., 1.).shape_for(25.).unwrap();
     let thinned = config(5., 1.).shape_for(25.).unwrap();
     assert_eq!((ngsim.observed, ngsim.predicted, ngsim.step, ngsim.span()), (31, 50, 1, 81));
     assert_eq!((highd.observed, highd.predicted, highd.step, highd.span()), (76, 125, 1, 201));
     assert_eq!((thinned.observed, thinned.predicted, thinned.step, thinned.span()), (16, 25, 5, 201));
+}
+
+#[test]
+fn a_site_may_have_a_stride_of_its_own() {
+    let recordings = [recording("a", "s", 10., &[(7, 0, 100, 28)]), recording("b", "t", 10., &[(7, 0, 100, 28)])];
+    let config = WindowConfig { site_stride_s: [("t".to_owned(), 0.5)].into(), ..short_windows() };
+    let count = |site: &str| {
+        let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
+        set.iter().filter(|window| window.observation().site() == site).count()
+    };
+    // 9 of 28 frames a window leave 20 starts: every second, and every fifth.
+    assert_eq!((count("s"), count("t")), (10, 4));
+    let wrong = WindowConfig { site_stride_s: [("t".to_owned(), 0.25)].into(), ..short_windows() };
+    let error = WindowSet::cut(&recordings, &wrong).unwrap_err().to_string();
+    assert!(error.contains("site_stride_s"), "{error}");
 }
 
 #[test]

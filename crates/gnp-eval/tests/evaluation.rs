@@ -67,7 +67,7 @@ fn recording(name: &str, site: &str, simulated: bool, cars: &[Car]) -> Recording
 
 /// Five observed and four predicted frames: one window a vehicle, 2 s ahead.
 fn windows() -> WindowConfig {
-    WindowConfig { observed_s: 2., predicted_s: 2., rate_hz: RATE_HZ, stride_s: 10. }
+    WindowConfig { observed_s: 2., predicted_s: 2., rate_hz: RATE_HZ, stride_s: 10., site_stride_s: Default::default() }
 }
 
 fn config(protocols: &[Protocol]) -> EvalConfig {

@@ -23,7 +23,7 @@ const SEED: u64 = 11;
 
 /// Short windows of one embedded scene: enough to train on, and quick.
 fn windows() -> WindowConfig {
-    WindowConfig { observed_s: 1., predicted_s: 1.5, rate_hz: 10., stride_s: 2.5 }
+    WindowConfig { observed_s: 1., predicted_s: 1.5, rate_hz: 10., stride_s: 2.5, site_stride_s: Default::default() }
 }
 
 fn recording() -> Recording {

@@ -12,7 +12,7 @@ pub(crate) const NOBODY: u32 = u32::MAX;
 
 /// 0.3 s observed (4 frames at 10 Hz), 0.5 s predicted (5 frames), a window every 0.2 s (2 frames).
 pub(crate) fn short_windows() -> WindowConfig {
-    WindowConfig { observed_s: 0.3, predicted_s: 0.5, rate_hz: 10., stride_s: 0.2 }
+    WindowConfig { observed_s: 0.3, predicted_s: 0.5, rate_hz: 10., stride_s: 0.2, site_stride_s: Default::default() }
 }
 
 /// A track: vehicle, segment, first frame, rows.
