@@ -29,6 +29,7 @@
 
 mod config;
 mod error;
+mod fused;
 mod graph;
 mod laws;
 mod network;

@@ -4,7 +4,9 @@ use candle_core::{Module, Tensor};
 use candle_nn::{Init, VarBuilder, ops::sigmoid};
 use gnp_nn::{Linear, Lstm, LstmState, Mlp, linear};
 
-use crate::{Engine, Phase, RollOut, Scene, TrajConfig, TrajError, graph};
+use crate::fused::Fused;
+use crate::scene::Sizes;
+use crate::{Engine, NeighbourStates, Phase, RollOut, Scene, TrajConfig, TrajError, graph};
 
 /// The neural social force; the weights have the names of the reference implementation in PyTorch,
 /// with `enc_line` and `k_line` beside them when lines push.
@@ -13,6 +15,9 @@ pub struct SocialForce {
     pub(crate) cfg: TrajConfig,
     pub(crate) attraction: Attraction,
     pub(crate) repulsion: Repulsion,
+    fused: Fused,
+    /// In the order in which the fused roll-out lays them out.
+    weights: Vec<Tensor>,
 }
 
 /// phi_1: history and goal give `tau`.
@@ -78,20 +83,21 @@ impl SocialForce {
         };
         let line =
             if cfg.lines { Some((Mlp::new(&encoder(2), vb.pp("enc_line"))?, strength("k_line")?)) } else { None };
-        Ok(Self {
-            cfg: cfg.clone(),
-            attraction: Attraction {
-                front: Front::new(cfg, 1, &vb)?,
-                enc_goal: Mlp::new(&encoder(2), vb.pp("enc_goal"))?,
-                tau: Mlp::new(&head, vb.pp("tau"))?,
-            },
-            repulsion: Repulsion {
-                front: Front::new(cfg, 2, &vb)?,
-                enc_nei: Mlp::new(&encoder(4), vb.pp("enc_nei"))?,
-                k: strength("k")?,
-                line,
-            },
-        })
+        let attraction = Attraction {
+            front: Front::new(cfg, 1, &vb)?,
+            enc_goal: Mlp::new(&encoder(2), vb.pp("enc_goal"))?,
+            tau: Mlp::new(&head, vb.pp("tau"))?,
+        };
+        let repulsion = Repulsion {
+            front: Front::new(cfg, 2, &vb)?,
+            enc_nei: Mlp::new(&encoder(4), vb.pp("enc_nei"))?,
+            k: strength("k")?,
+            line,
+        };
+        let fused = Fused::new(cfg);
+        let weight = |(name, shape): &(String, Vec<usize>)| vb.get(shape.as_slice(), name);
+        let weights = fused.names().iter().map(weight).collect::<candle_core::Result<_>>()?;
+        Ok(Self { cfg: cfg.clone(), attraction, repulsion, fused, weights })
     }
 
     /// The configuration the networks were built with.
@@ -101,12 +107,12 @@ impl SocialForce {
     }
 
     /// Positions after each step `[batch, goals, steps, 2]` in m, with a gradient to the weights
-    /// that `phase` trains.
+    /// that `phase` trains; one backward pass a roll-out.
     ///
     /// # Errors
     /// When the scene is incomplete or its shapes do not fit each other.
     pub fn roll_out(&self, scene: &Scene, phase: Phase) -> Result<Tensor, TrajError> {
-        self.roll_out_on(Engine::Graph, scene, phase)
+        self.roll_out_on(self.engine(scene, phase), scene, phase)
     }
 
     /// [`SocialForce::roll_out`] on an engine of the caller's choice.
@@ -114,10 +120,11 @@ impl SocialForce {
     /// # Errors
     /// As [`SocialForce::roll_out`], and when the engine does not offer what the scene asks for.
     pub fn roll_out_on(&self, engine: Engine, scene: &Scene, phase: Phase) -> Result<Tensor, TrajError> {
-        let sizes = scene.check(&self.cfg, phase)?;
-        match engine {
-            Engine::Graph => Ok(graph::roll_out(self, scene, sizes, phase)?.path),
-        }
+        let sizes = self.check(engine, scene, phase)?;
+        Ok(match engine {
+            Engine::Fused => self.fused.path(&self.cfg, &self.weights, scene, sizes, phase)?,
+            Engine::Graph => graph::roll_out(self, scene, sizes, phase)?.path,
+        })
     }
 
     /// The roll-out with its forces and their parameters, without a gradient.
@@ -125,9 +132,38 @@ impl SocialForce {
     /// # Errors
     /// As [`SocialForce::roll_out`].
     pub fn roll_out_explained(&self, scene: &Scene, phase: Phase) -> Result<RollOut, TrajError> {
-        let sizes = scene.check(&self.cfg, phase)?;
-        let roll_out = graph::roll_out(self, scene, sizes, phase)?;
-        Ok(roll_out.detach())
+        self.roll_out_explained_on(self.engine(scene, phase), scene, phase)
+    }
+
+    /// [`SocialForce::roll_out_explained`] on an engine of the caller's choice.
+    ///
+    /// # Errors
+    /// As [`SocialForce::roll_out_on`].
+    pub fn roll_out_explained_on(&self, engine: Engine, scene: &Scene, phase: Phase) -> Result<RollOut, TrajError> {
+        let sizes = self.check(engine, scene, phase)?;
+        Ok(match engine {
+            Engine::Fused => self.fused.explain(&self.cfg, &self.weights, scene, sizes, phase)?,
+            Engine::Graph => graph::roll_out(self, scene, sizes, phase)?.detach(),
+        })
+    }
+
+    /// The faster engine of those that can roll `scene` out.
+    #[must_use]
+    pub fn engine(&self, scene: &Scene, phase: Phase) -> Engine {
+        if self.fusible(scene, phase) { Engine::Fused } else { Engine::Graph }
+    }
+
+    fn fusible(&self, scene: &Scene, phase: Phase) -> bool {
+        let joint = scene.neighbours.as_ref().is_some_and(|n| matches!(n.states, NeighbourStates::Joint { .. }));
+        self.weights.iter().all(|weight| weight.device().is_cpu()) && (phase == Phase::Attraction || !joint)
+    }
+
+    fn check(&self, engine: Engine, scene: &Scene, phase: Phase) -> Result<Sizes, TrajError> {
+        if engine == Engine::Fused && !self.fusible(scene, phase) {
+            let problem = "the fused roll-out wants a CPU and given neighbours; take the graph".to_owned();
+            return Err(TrajError::Scene { name: "neighbours.states", problem });
+        }
+        scene.check(&self.cfg, phase)
     }
 }
 

@@ -72,6 +72,8 @@ pub enum Phase {
 /// How the roll-out is computed; both give the same path and the same gradients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Engine {
+    /// One operation with a hand-derived adjoint, for CPUs and neighbours that are given.
+    Fused,
     /// A graph of candle operations, for every device and for [`NeighbourStates::Joint`].
     Graph,
 }

@@ -1,0 +1,236 @@
+//! The adjoint of one chunk's roll-out: from the gradient of its path to those of all weights.
+
+use gnp_force::nalgebra::{Point2, Vector2};
+use gnp_force::{goal_force_vjp, line_force_vjp, vehicle_force_vjp};
+
+use super::aligned::{Aligned, LINE};
+use super::batch::Chunk;
+use super::forward::{Tape, line_features, neighbour_features, state_of, trained};
+use super::front::FrontAdjoint;
+use super::head::HeadAdjoint;
+use super::layout::{Gradient, Net, Packed};
+use super::matmul::{Rows, RowsMut, Scratch};
+use super::mlp::{self, BLOCK, Workspace};
+use crate::Integrator;
+
+/// Adds the weight gradients for the gradient `dpath` `[rows, steps, 2]` of the path of a chunk, which
+/// `tape` remembers; the tape is used up.
+pub(crate) fn adjoint(chunk: &Chunk<'_>, net: &Net<Packed>, tape: &mut Tape, dpath: &[f32], gradient: &mut Net<Gradient>) {
+    let mut back = Back::new(chunk, net, tape);
+    for step in (0..chunk.batch.steps).rev() {
+        let run = step / chunk.batch.period;
+        back.physics(tape, step, run, dpath);
+        if step % chunk.batch.period == 0 {
+            back.networks(tape, step, run, gradient);
+        }
+    }
+    back.history(tape, gradient);
+}
+
+/// Gradients on their way back through the steps of one chunk.
+struct Back<'a, 'b> {
+    chunk: &'a Chunk<'b>,
+    net: &'a Net<Packed>,
+    /// Of the states `[rows, (position, velocity)]` before the step to undo next.
+    dmotion: Vec<(Vector2<f32>, Vector2<f32>)>,
+    /// Of `tau` and of the shares of the largest strengths, since the networks last ran.
+    dtau: Vec<f32>,
+    dk: Vec<f32>,
+    dk_line: Vec<f32>,
+    fronts: [Option<FrontAdjoint>; 2],
+    tau: Option<HeadAdjoint>,
+    k: Option<HeadAdjoint>,
+    k_line: Option<HeadAdjoint>,
+    encoders: [Workspace; 2],
+    /// Of the codes of goals `[rows, code]`, over all steps.
+    dgoal: Aligned,
+    /// Of the code of the history `[rows, code]` at one step.
+    dcode: Aligned,
+    /// Features at one step and the gradients of their codes.
+    features: Aligned,
+    dcodes: Aligned,
+    /// Of features, and of scaled states `[.., LINE]`.
+    dfeatures: Aligned,
+    dscaled: Aligned,
+    scratch: Scratch,
+    /// Width of a code.
+    width: usize,
+}
+
+impl<'a, 'b> Back<'a, 'b> {
+    fn new(chunk: &'a Chunk<'b>, net: &'a Net<Packed>, tape: &Tape) -> Self {
+        let (rows, width, phase) = (chunk.rows(), net.fronts[0].out.outputs(), chunk.batch.phase);
+        let (neighbours, lines) = (chunk.neighbours.felt.len(), chunk.lines.felt.len());
+        let most = chunk.neighbours.taken.len().max(lines);
+        let front = |i: usize| tape.future[i].as_ref().filter(|_| trained(phase, i)).map(FrontAdjoint::new);
+        Self {
+            chunk,
+            net,
+            dmotion: vec![(Vector2::zeros(), Vector2::zeros()); rows],
+            dtau: vec![0.; rows],
+            dk: vec![0.; neighbours],
+            dk_line: vec![0.; lines],
+            fronts: [0, 1].map(front),
+            tau: trained(phase, 0).then(|| HeadAdjoint::new(&net.tau, &tape.tau)),
+            k: tape.k.as_ref().map(|k| HeadAdjoint::new(&net.k, k)),
+            k_line: tape.k_line.as_ref().map(|k| HeadAdjoint::new(&net.k_line, k)),
+            encoders: [&net.enc_nei, &net.enc_line].map(|layers| Workspace::adjoint(layers, 2 * BLOCK)),
+            dgoal: Aligned::zeros(rows * width),
+            dcode: Aligned::zeros(rows * width),
+            features: Aligned::zeros(most * LINE),
+            dcodes: Aligned::zeros(most * width),
+            dfeatures: Aligned::zeros(lines * LINE),
+            dscaled: Aligned::zeros(rows * LINE),
+            scratch: Scratch::default(),
+            width,
+        }
+    }
+
+    /// Undoes the motion from `step` to the next.
+    fn physics(&mut self, tape: &Tape, step: usize, run: usize, dpath: &[f32]) {
+        let (chunk, batch) = (self.chunk, self.chunk.batch);
+        let dt = batch.dt;
+        let left = (batch.steps - step) as f32 * dt;
+        let motion = tape.motion.at(step);
+        let mut dforces = Vec::with_capacity(chunk.rows());
+        for (row, (dp, dv)) in self.dmotion.iter_mut().enumerate() {
+            let at = 2 * (row * batch.steps + step);
+            *dp += Vector2::new(dpath[at], dpath[at + 1]);
+            let dforce = match batch.integrator {
+                Integrator::Explicit => *dv * dt,
+                Integrator::SemiImplicit => (*dv + *dp * dt) * dt,
+            };
+            *dv += *dp * dt;
+            let (p, v) = state_of(motion, row);
+            let tau = tape.tau.value(run)[row] + dt;
+            let pull = goal_force_vjp(p, v, Point2::from(chunk.goal(row)), left, tau, dforce);
+            *dp += pull.position;
+            *dv += pull.velocity;
+            self.dtau[row] += pull.tau;
+            dforces.push(dforce);
+        }
+        if let Some(k) = &tape.k {
+            let entries = chunk.neighbours.felt.iter().zip(k.value(run)).zip(&mut self.dk);
+            for ((&(row, taken), &share), dk) in entries {
+                let [x, y, ..] = chunk.neighbour(step, taken);
+                let r = state_of(motion, row).0 - Point2::new(x, y);
+                let push = vehicle_force_vjp(r, batch.k_max * share, batch.r_col, dforces[row]);
+                self.dmotion[row].0 += push.r;
+                *dk += push.k * batch.k_max;
+            }
+        }
+        if let Some(k) = &tape.k_line {
+            let entries = chunk.lines.felt.iter().zip(k.value(run)).zip(&mut self.dk_line);
+            for ((&(row, taken), &share), dk) in entries {
+                let line = chunk.line(taken);
+                let d = motion[4 * row + 1] - line.y;
+                let push = line_force_vjp(line.kind, d, batch.k_max_line * share, line.side, dforces[row].y);
+                self.dmotion[row].0.y += push.d;
+                *dk += push.k * batch.k_max_line;
+            }
+        }
+    }
+
+    /// Undoes the run of the networks before `step`.
+    fn networks(&mut self, tape: &mut Tape, step: usize, run: usize, gradient: &mut Net<Gradient>) {
+        let (net, width, runs) = (self.net, self.width, self.chunk.batch.runs());
+        if let (Some(head), Some(front), Some(future)) = (&mut self.tau, &mut self.fronts[0], &tape.future[0]) {
+            head.run(&net.tau, &tape.tau, (run, runs), &self.dtau, &mut gradient.tau, &mut self.scratch);
+            for (row, dinput) in head.dinput.chunks_exact(2 * width).enumerate() {
+                self.dcode[row * width..][..width].copy_from_slice(&dinput[..width]);
+                add(&mut self.dgoal[row * width..][..width], &dinput[width..]);
+            }
+            let dcode = Rows { data: &self.dcode, stride: width };
+            front.code(&net.fronts[0], future, run, dcode, &mut gradient.fronts[0], &mut self.scratch);
+        }
+        self.dcode.fill(0.);
+        self.neighbours(tape, step, run, gradient);
+        self.lines(tape, step, run, gradient);
+        if let (Some(front), Some(future)) = (&mut self.fronts[1], &tape.future[1]) {
+            let dcode = Rows { data: &self.dcode, stride: width };
+            front.code(&net.fronts[1], future, run, dcode, &mut gradient.fronts[1], &mut self.scratch);
+        }
+        for dvalue in [&mut self.dtau, &mut self.dk, &mut self.dk_line] {
+            dvalue.fill(0.);
+        }
+        if run == 0 {
+            return;
+        }
+        for i in 0..2 {
+            if let (Some(front), Some(future)) = (&mut self.fronts[i], &mut tape.future[i]) {
+                let dscaled = RowsMut { data: &mut self.dscaled, stride: LINE };
+                let (steps, gradient) = ((run - 1, runs - 1), &mut gradient.fronts[i]);
+                front.step(&net.fronts[i], future, steps, &tape.scaled, Some(dscaled), gradient, &mut self.scratch);
+                let scale = self.chunk.batch.scale;
+                for ((dp, dv), d) in self.dmotion.iter_mut().zip(self.dscaled.chunks_exact(LINE)) {
+                    *dp += Vector2::new(d[0] * scale[0], d[1] * scale[1]);
+                    *dv += Vector2::new(d[2] * scale[2], d[3] * scale[3]);
+                }
+            }
+        }
+    }
+
+    /// Undoes the head and the encoder of neighbours.
+    fn neighbours(&mut self, tape: &Tape, step: usize, run: usize, gradient: &mut Net<Gradient>) {
+        let (Some(head), Some(k)) = (&mut self.k, &tape.k) else { return };
+        let (net, chunk, width) = (self.net, self.chunk, self.width);
+        head.run(&net.k, k, (run, chunk.batch.runs()), &self.dk, &mut gradient.k, &mut self.scratch);
+        let taken = chunk.neighbours.taken.len();
+        self.dcodes[..taken * width].fill(0.);
+        for (&(row, taken), dinput) in chunk.neighbours.felt.iter().zip(head.dinput.chunks_exact(2 * width)) {
+            add(&mut self.dcode[row * width..][..width], &dinput[..width]);
+            add(&mut self.dcodes[taken * width..][..width], &dinput[width..]);
+        }
+        neighbour_features(chunk, step, &mut self.features[..taken * LINE]);
+        let (features, dcodes) = (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dcodes, stride: width });
+        let (work, sums) = (&mut self.encoders[0], &mut gradient.enc_nei);
+        mlp::adjoint_alone(&net.enc_nei, work, taken, features, dcodes, None, sums, &mut self.scratch);
+    }
+
+    /// Undoes the head and the encoder of lines.
+    fn lines(&mut self, tape: &Tape, step: usize, run: usize, gradient: &mut Net<Gradient>) {
+        let (Some(head), Some(k)) = (&mut self.k_line, &tape.k_line) else { return };
+        let (net, chunk, width) = (self.net, self.chunk, self.width);
+        head.run(&net.k_line, k, (run, chunk.batch.runs()), &self.dk_line, &mut gradient.k_line, &mut self.scratch);
+        let felt = &chunk.lines.felt;
+        let entries = felt.iter().zip(head.dinput.chunks_exact(2 * width)).zip(self.dcodes.chunks_exact_mut(width));
+        for ((&(row, _), dinput), dcode) in entries {
+            add(&mut self.dcode[row * width..][..width], &dinput[..width]);
+            dcode.copy_from_slice(&dinput[width..]);
+        }
+        line_features(chunk, tape.motion.at(step), &mut self.features[..felt.len() * LINE]);
+        let (features, dcodes) = (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dcodes, stride: width });
+        let dfeatures = RowsMut { data: &mut self.dfeatures, stride: LINE };
+        let (work, sums) = (&mut self.encoders[1], &mut gradient.enc_line);
+        mlp::adjoint_alone(&net.enc_line, work, felt.len(), features, dcodes, Some(dfeatures), sums, &mut self.scratch);
+        for (&(row, _), dfeatures) in felt.iter().zip(self.dfeatures.chunks_exact(LINE)) {
+            self.dmotion[row].0.y += dfeatures[0];
+        }
+    }
+
+    /// Undoes the observed frames and the encoder of goals.
+    fn history(mut self, tape: &mut Tape, gradient: &mut Net<Gradient>) {
+        let (net, batch) = (self.net, self.chunk.batch);
+        for (i, front) in self.fronts.into_iter().enumerate() {
+            let (Some(front), Some(history)) = (front, &mut tape.history[i]) else { continue };
+            let mut front = front.into_history(history, batch.sizes.goals);
+            for step in (0..batch.seen()).rev() {
+                let (steps, gradient) = ((step, batch.seen()), &mut gradient.fronts[i]);
+                front.step(&net.fronts[i], history, steps, &tape.seen, None, gradient, &mut self.scratch);
+            }
+        }
+        if self.tau.is_some() {
+            let mut work = Workspace::adjoint(&net.enc_goal, 2 * BLOCK);
+            let (goals, dgoal) = (Rows { data: &tape.goals, stride: LINE }, Rows { data: &self.dgoal, stride: self.width });
+            let (rows, sums) = (self.chunk.rows(), &mut gradient.enc_goal);
+            mlp::adjoint_alone(&net.enc_goal, &mut work, rows, goals, dgoal, None, sums, &mut self.scratch);
+        }
+    }
+}
+
+/// `sum += x`, value by value.
+fn add(sum: &mut [f32], x: &[f32]) {
+    for (sum, x) in sum.iter_mut().zip(x) {
+        *sum += x;
+    }
+}

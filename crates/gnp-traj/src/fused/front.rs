@@ -1,0 +1,184 @@
+//! Embedding, LSTM and code of a history, and their adjoint.
+
+use super::aligned::{Aligned, Pool, Trace};
+use super::elementwise::{lstm, lstm_adjoint, relu_adjoint};
+use super::layout::{Front, Gradient, Packed};
+use super::matmul::{Rows, RowsMut, Scratch, Start, product};
+
+/// Rows whose weight gradients are summed at once, at least: fewer would fetch the sums from memory for
+/// too little work.
+pub(crate) const GATHER: usize = 192;
+
+/// What an LSTM leaves behind on its way through some steps.
+#[derive(Debug)]
+pub(crate) struct FrontTape {
+    rows: usize,
+    /// Width of the embedding, and of the memory.
+    widths: (usize, usize),
+    /// Embedding and output of the step before `[rows, embedding + hidden]`, one more than steps.
+    input: Trace,
+    /// `[rows, 4 * hidden]`
+    gates: Trace,
+    /// `[rows, hidden]`, one more than steps.
+    cell: Trace,
+}
+
+impl FrontTape {
+    /// Room for `steps` steps, all of them to be kept or not; it starts without any memory.
+    pub(crate) fn new(pool: &Pool, front: &Front<Packed>, rows: usize, steps: usize, keep: bool) -> Self {
+        let (embedding, hidden) = (front.emb.outputs(), front.cell.inputs - front.emb.outputs());
+        let kept = |steps: usize| if keep { steps } else { steps.min(2) };
+        let mut tape = Self {
+            rows,
+            widths: (embedding, hidden),
+            input: Trace::new(pool, kept(steps + 1), rows * (embedding + hidden)),
+            gates: Trace::new(pool, if keep { steps.max(1) } else { 1 }, rows * 4 * hidden),
+            cell: Trace::new(pool, kept(steps + 1), rows * hidden),
+        };
+        tape.input.at_mut(0).fill(0.);
+        tape.cell.at_mut(0).fill(0.);
+        tape
+    }
+
+    /// Takes in the scaled states `[rows, 4]` of step `step`.
+    pub(crate) fn advance(&mut self, front: &Front<Packed>, step: usize, states: Rows<'_>) {
+        let (embedding, hidden) = self.widths;
+        let stride = embedding + hidden;
+        let input = RowsMut { data: self.input.at_mut(step), stride };
+        product(self.rows, states, &front.emb.forward, Start::Bias(&front.emb.bias), true, input);
+        let input = Rows { data: self.input.at(step), stride };
+        let gates = RowsMut { data: self.gates.at_mut(step), stride: 4 * hidden };
+        product(self.rows, input, &front.cell.forward, Start::Bias(&front.cell.bias), false, gates);
+        self.cell.carry(step);
+        let h = RowsMut { data: &mut self.input.at_mut(step + 1)[embedding..], stride };
+        lstm(self.rows, hidden, self.gates.at_mut(step), self.cell.at_mut(step + 1), h);
+    }
+
+    /// The output after `steps` steps, `[rows, hidden]`.
+    fn output(&self, steps: usize) -> Rows<'_> {
+        let (embedding, hidden) = self.widths;
+        Rows { data: &self.input.at(steps)[embedding..], stride: embedding + hidden }
+    }
+
+    /// Starts from what `history` remembers after `steps` steps, each of its rows `goals` times.
+    pub(crate) fn start_from(&mut self, history: &Self, steps: usize, goals: usize) {
+        let (embedding, hidden) = self.widths;
+        let (output, cell) = (history.output(steps), history.cell.at(steps));
+        for row in 0..self.rows {
+            let from = row / goals;
+            let h = &output.data[from * output.stride..][..hidden];
+            self.input.at_mut(0)[row * (embedding + hidden) + embedding..][..hidden].copy_from_slice(h);
+            self.cell.at_mut(0)[row * hidden..][..hidden].copy_from_slice(&cell[from * hidden..][..hidden]);
+        }
+    }
+
+    /// The code `[rows, code]` after `steps` steps.
+    pub(crate) fn code(&self, front: &Front<Packed>, steps: usize, code: RowsMut<'_>) {
+        product(self.rows, self.output(steps), &front.out.forward, Start::Bias(&front.out.bias), false, code);
+    }
+
+    pub(crate) fn into_buffers(self) -> [Aligned; 3] {
+        [self.input.into_buffer(), self.gates.into_buffer(), self.cell.into_buffer()]
+    }
+}
+
+/// The gradient on its way back through the steps of a [`FrontTape`].
+#[derive(Debug)]
+pub(crate) struct FrontAdjoint {
+    /// Steps whose weight gradients are summed at once.
+    gather: usize,
+    /// Of the output and the cell after the step to undo next, `[rows, hidden]`.
+    dh: Aligned,
+    dcell: Aligned,
+    /// Of the cell's input, `[rows, embedding + hidden]`.
+    dinput: Aligned,
+    /// Of the embedding before its ReLU, `[gather * rows, embedding]`.
+    demb: Aligned,
+}
+
+impl FrontAdjoint {
+    pub(crate) fn new(tape: &FrontTape) -> Self {
+        let (embedding, hidden) = tape.widths;
+        let gather = GATHER.div_ceil(tape.rows);
+        Self {
+            gather,
+            dh: Aligned::zeros(tape.rows * hidden),
+            dcell: Aligned::zeros(tape.rows * hidden),
+            dinput: Aligned::zeros(tape.rows * (embedding + hidden)),
+            demb: Aligned::zeros(gather * tape.rows * embedding),
+        }
+    }
+
+    /// Takes in the gradient `dcode` `[rows, code]` of the code after `steps` steps.
+    pub(crate) fn code(
+        &mut self,
+        front: &Front<Packed>,
+        tape: &FrontTape,
+        steps: usize,
+        dcode: Rows<'_>,
+        gradient: &mut Front<Gradient>,
+        scratch: &mut Scratch,
+    ) {
+        let dh = RowsMut { data: &mut self.dh, stride: tape.widths.1 };
+        product(tape.rows, dcode, &front.out.backward, Start::Sum, false, dh);
+        gradient.out.add(tape.rows, dcode, tape.output(steps), scratch);
+    }
+
+    /// Undoes step `step` of `steps`; `states` is the trace of scaled states that were taken in, and
+    /// `dstates` `[rows, ..]` receives their gradient.
+    #[expect(clippy::too_many_arguments, reason = "one step touches everything once")]
+    pub(crate) fn step(
+        &mut self,
+        front: &Front<Packed>,
+        tape: &mut FrontTape,
+        (step, steps): (usize, usize),
+        states: &Trace,
+        dstates: Option<RowsMut<'_>>,
+        gradient: &mut Front<Gradient>,
+        scratch: &mut Scratch,
+    ) {
+        let (embedding, hidden) = tape.widths;
+        let (rows, stride) = (tape.rows, embedding + hidden);
+        let dh = Rows { data: &self.dh, stride: hidden };
+        let gates = tape.gates.at_mut(step);
+        lstm_adjoint(rows, hidden, gates, tape.cell.at(step), tape.cell.at(step + 1), dh, &mut self.dcell);
+        let dgates = Rows { data: tape.gates.at(step), stride: 4 * hidden };
+        let dinput = RowsMut { data: &mut self.dinput, stride };
+        product(rows, dgates, &front.cell.backward, Start::Zero, false, dinput);
+        let demb = &mut self.demb[step % self.gather * rows * embedding..][..rows * embedding];
+        for row in 0..rows {
+            let dinput = &self.dinput[row * stride..][..stride];
+            demb[row * embedding..][..embedding].copy_from_slice(&dinput[..embedding]);
+            self.dh[row * hidden..][..hidden].copy_from_slice(&dinput[embedding..]);
+        }
+        let value = Rows { data: tape.input.at(step), stride };
+        relu_adjoint(rows, embedding, value, RowsMut { data: demb, stride: embedding });
+        if let Some(dstates) = dstates {
+            let demb = Rows { data: demb, stride: embedding };
+            product(rows, demb, &front.emb.backward, Start::Zero, false, dstates);
+        }
+        if step % self.gather == 0 {
+            let count = self.gather.min(steps - step);
+            let dgates = Rows { data: tape.gates.span(step, count), stride: 4 * hidden };
+            let input = Rows { data: tape.input.span(step, count), stride };
+            gradient.cell.add(count * rows, dgates, input, scratch);
+            let demb = Rows { data: &self.demb, stride: embedding };
+            let states = Rows { data: states.span(step, count), stride: front.emb.inputs };
+            gradient.emb.add(count * rows, demb, states, scratch);
+        }
+    }
+
+    /// Goes over from the roll-out to the history it started from: rows of one window add up.
+    pub(crate) fn into_history(self, history: &FrontTape, goals: usize) -> Self {
+        let hidden = history.widths.1;
+        let mut adjoint = Self::new(history);
+        for (sum, from) in [(&mut adjoint.dh, &self.dh), (&mut adjoint.dcell, &self.dcell)] {
+            for (row, from) in from.chunks_exact(hidden).enumerate() {
+                for (sum, from) in sum[row / goals * hidden..][..hidden].iter_mut().zip(from) {
+                    *sum += from;
+                }
+            }
+        }
+        adjoint
+    }
+}

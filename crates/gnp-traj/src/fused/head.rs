@@ -1,0 +1,154 @@
+//! The heads that end in one sigmoid a row, and their adjoint.
+
+use super::aligned::{Aligned, LINE, Pool, Trace};
+use super::elementwise::sigmoid;
+use super::front::GATHER;
+use super::layout::{Gradient, Packed};
+use super::matmul::{Rows, RowsMut, Scratch, Start, product};
+use super::mlp::{self, BLOCK, Workspace};
+
+/// What a head leaves behind each time it runs.
+#[derive(Debug)]
+pub(crate) struct HeadTape {
+    rows: usize,
+    keep: bool,
+    /// `[rows, inputs]`, to be filled before each run.
+    pub(crate) input: Trace,
+    /// After the second and later hidden layers; the first is cheap and computed again. Without
+    /// keeping, for one block of rows.
+    hidden: Vec<Trace>,
+    /// The sigmoid `[rows]`, kept always: the physics needs it where the head is not trained, too.
+    value: Trace,
+}
+
+impl HeadTape {
+    /// Room for `runs` runs, all of them to be kept or not.
+    pub(crate) fn new(pool: &Pool, layers: &[Packed], rows: usize, runs: usize, keep: bool) -> Self {
+        let kept = if keep { runs } else { 1 };
+        let room = if keep { rows } else { rows.min(BLOCK) };
+        let inner = layers.iter().take(layers.len().saturating_sub(1)).skip(1);
+        Self {
+            rows,
+            keep,
+            input: Trace::new(pool, kept, rows * layers.first().map_or(0, |layer| layer.inputs)),
+            hidden: inner.map(|layer| Trace::new(pool, kept, room * layer.outputs())).collect(),
+            value: Trace::new(pool, runs, rows),
+        }
+    }
+
+    /// Runs the head on the input of `run`.
+    pub(crate) fn forward(&mut self, layers: &[Packed], run: usize, work: &mut HeadWork) {
+        let Some(((outer, inner), last)) = layers.split_last().and_then(|(last, rest)| Some((rest.split_first()?, last)))
+        else {
+            return;
+        };
+        for first in (0..self.rows).step_by(BLOCK) {
+            let rows = BLOCK.min(self.rows - first);
+            let at = if self.keep { first } else { 0 };
+            let x = Rows { data: &self.input.at(run)[first * outer.inputs..], stride: outer.inputs };
+            layer(rows, x, outer, true, &mut work.first);
+            for (i, inner) in inner.iter().enumerate() {
+                let (before, after) = self.hidden.split_at_mut(i);
+                let x = match before.last() {
+                    Some(before) => &before.at(run)[at * inner.inputs..],
+                    None => &work.first,
+                };
+                let y = &mut after[0].at_mut(run)[at * inner.outputs()..];
+                layer(rows, Rows { data: x, stride: inner.inputs }, inner, true, y);
+            }
+            let x = match self.hidden.last() {
+                Some(before) => &before.at(run)[at * last.inputs..],
+                None => &work.first,
+            };
+            layer(rows, Rows { data: x, stride: last.inputs }, last, false, &mut work.result);
+            let values = &mut self.value.at_mut(run)[first..first + rows];
+            for (value, result) in values.iter_mut().zip(work.result.chunks_exact(LINE)) {
+                *value = sigmoid(result[0]);
+            }
+        }
+    }
+
+    /// The sigmoids `[rows]` of a run.
+    pub(crate) fn value(&self, run: usize) -> &[f32] {
+        self.value.at(run)
+    }
+
+    fn kept(&self, layers: &[Packed], run: usize, count: usize) -> Vec<Rows<'_>> {
+        self.hidden
+            .iter()
+            .zip(&layers[1..])
+            .map(|(trace, layer)| Rows { data: trace.span(run, count), stride: layer.outputs() })
+            .collect()
+    }
+
+    pub(crate) fn into_buffers(self) -> impl Iterator<Item = Aligned> {
+        [self.input, self.value].into_iter().chain(self.hidden).map(Trace::into_buffer)
+    }
+}
+
+fn layer(rows: usize, x: Rows<'_>, layer: &Packed, relu: bool, y: &mut [f32]) {
+    let y = RowsMut { data: y, stride: layer.outputs() };
+    product(rows, x, &layer.forward, Start::Bias(&layer.bias), relu, y);
+}
+
+/// One block of rows after the first and after the last layer.
+#[derive(Debug)]
+pub(crate) struct HeadWork {
+    first: Aligned,
+    result: Aligned,
+}
+
+impl HeadWork {
+    pub(crate) fn new(layers: &[Packed]) -> Self {
+        let width = layers.first().map_or(0, Packed::outputs);
+        Self { first: Aligned::zeros(BLOCK * width), result: Aligned::zeros(BLOCK * LINE) }
+    }
+}
+
+/// The gradient on its way back through the runs of a head.
+#[derive(Debug)]
+pub(crate) struct HeadAdjoint {
+    /// Runs whose weight gradients are summed at once.
+    gather: usize,
+    work: Workspace,
+    /// Of the input of the latest run, `[rows, inputs]`.
+    pub(crate) dinput: Aligned,
+}
+
+impl HeadAdjoint {
+    pub(crate) fn new(layers: &[Packed], tape: &HeadTape) -> Self {
+        let gather = GATHER.div_ceil(tape.rows.max(1));
+        Self {
+            gather,
+            work: Workspace::adjoint(layers, gather * tape.rows),
+            dinput: Aligned::zeros(tape.rows * layers.first().map_or(0, |layer| layer.inputs)),
+        }
+    }
+
+    /// Undoes run `run` of `runs` for the gradients `dvalue` `[rows]` of its sigmoids.
+    pub(crate) fn run(
+        &mut self,
+        layers: &[Packed],
+        tape: &HeadTape,
+        (run, runs): (usize, usize),
+        dvalue: &[f32],
+        gradients: &mut [Gradient],
+        scratch: &mut Scratch,
+    ) {
+        let Some(stride) = layers.first().map(|layer| layer.inputs) else { return };
+        let at = run % self.gather * tape.rows;
+        let delta = self.work.result_delta(layers, at, tape.rows);
+        for ((delta, &dvalue), &value) in delta.chunks_exact_mut(LINE).zip(dvalue).zip(tape.value(run)) {
+            delta[0] = dvalue * value * (1. - value);
+        }
+        let x = Rows { data: tape.input.at(run), stride };
+        let dx = RowsMut { data: &mut self.dinput, stride };
+        mlp::adjoint(layers, &mut self.work, at, tape.rows, x, &tape.kept(layers, run, 1), Some(dx));
+        if run % self.gather == 0 {
+            let count = self.gather.min(runs - run);
+            let x = Rows { data: tape.input.span(run, count), stride };
+            let kept = tape.kept(layers, run, count);
+            mlp::add_gradients(layers, &self.work, count * tape.rows, x, &kept, gradients, scratch);
+        }
+    }
+}

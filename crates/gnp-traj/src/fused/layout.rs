@@ -1,0 +1,288 @@
+//! All weights as one flat vector with named views, and their packed form.
+
+use std::ops::Range;
+
+use super::aligned::padded;
+use super::matmul::{Panels, Scratch, Rows, outer_sum};
+use crate::{Phase, TrajConfig};
+
+/// One `T` for every affine map of both networks.
+#[derive(Clone, Debug)]
+pub(crate) struct Net<T> {
+    /// phi_1 and phi_2.
+    pub(crate) fronts: [Front<T>; 2],
+    pub(crate) enc_goal: Vec<T>,
+    pub(crate) tau: Vec<T>,
+    pub(crate) enc_nei: Vec<T>,
+    pub(crate) k: Vec<T>,
+    /// Empty without lines.
+    pub(crate) enc_line: Vec<T>,
+    pub(crate) k_line: Vec<T>,
+}
+
+/// Embedding, LSTM and code of a history.
+#[derive(Clone, Debug)]
+pub(crate) struct Front<T> {
+    pub(crate) emb: T,
+    pub(crate) cell: T,
+    pub(crate) out: T,
+}
+
+impl<T> Net<T> {
+    pub(crate) fn map<U>(&self, f: impl Fn(&T) -> U) -> Net<U> {
+        let front = |x: &Front<T>| Front { emb: f(&x.emb), cell: f(&x.cell), out: f(&x.out) };
+        let list = |x: &[T]| x.iter().map(&f).collect();
+        Net {
+            fronts: [front(&self.fronts[0]), front(&self.fronts[1])],
+            enc_goal: list(&self.enc_goal),
+            tau: list(&self.tau),
+            enc_nei: list(&self.enc_nei),
+            k: list(&self.k),
+            enc_line: list(&self.enc_line),
+            k_line: list(&self.k_line),
+        }
+    }
+
+    /// Every map, in one fixed order.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &T> {
+        let lists = [&self.enc_goal, &self.tau, &self.enc_nei, &self.k, &self.enc_line, &self.k_line];
+        self.fronts.iter().flat_map(|x| [&x.emb, &x.cell, &x.out]).chain(lists.into_iter().flatten())
+    }
+}
+
+/// Where the weights of one affine map stand in the flat vector, and how they are padded: inputs and
+/// outputs come in parts that each fill whole cache lines.
+#[derive(Clone, Debug)]
+pub(crate) struct Dense {
+    inputs: Vec<Part>,
+    /// Flat offsets of biases that are added up.
+    biases: Vec<usize>,
+    /// Number of parts of the outputs and width of each.
+    outputs: (usize, usize),
+}
+
+/// Some inputs of a map: columns `column..column + width` of the matrix `[.., stride]` at `offset`.
+#[derive(Clone, Debug)]
+struct Part {
+    offset: usize,
+    stride: usize,
+    column: usize,
+    width: usize,
+}
+
+impl Dense {
+    /// Padded number of inputs.
+    pub(crate) fn inputs(&self) -> usize {
+        self.inputs.iter().map(|part| padded(part.width)).sum()
+    }
+
+    /// Padded number of outputs.
+    pub(crate) fn outputs(&self) -> usize {
+        self.outputs.0 * padded(self.outputs.1)
+    }
+
+    /// Inputs up to the last that is not padding.
+    fn depth(&self) -> usize {
+        let last = self.inputs.last().map_or(0, |part| padded(part.width) - part.width);
+        self.inputs() - last
+    }
+
+    /// Outputs up to the last that is not padding.
+    fn used_outputs(&self) -> usize {
+        let (parts, each) = self.outputs;
+        parts.saturating_sub(1) * padded(each) + each
+    }
+
+    /// Calls `f` with each stretch of weights: flat range, padded output, first padded input.
+    fn stretches(&self, mut f: impl FnMut(Range<usize>, usize, usize)) {
+        let (parts, each) = self.outputs;
+        for o in 0..parts * each {
+            let output = o / each * padded(each) + o % each;
+            let mut input = 0;
+            for part in &self.inputs {
+                let from = part.offset + o * part.stride + part.column;
+                f(from..from + part.width, output, input);
+                input += padded(part.width);
+            }
+        }
+    }
+
+    /// Calls `f` with each stretch of biases: flat range, first padded output.
+    fn bias_stretches(&self, mut f: impl FnMut(Range<usize>, usize)) {
+        let (parts, each) = self.outputs;
+        for &offset in &self.biases {
+            for part in 0..parts {
+                let from = offset + part * each;
+                f(from..from + each, part * padded(each));
+            }
+        }
+    }
+}
+
+/// The weights of one map as products read them.
+#[derive(Debug)]
+pub(crate) struct Packed {
+    /// From inputs to outputs.
+    pub(crate) forward: Panels,
+    pub(crate) bias: Vec<f32>,
+    /// From the gradients of outputs to those of inputs.
+    pub(crate) backward: Panels,
+    pub(crate) inputs: usize,
+}
+
+impl Packed {
+    pub(crate) fn new(dense: &Dense, flat: &[f32]) -> Self {
+        let (inputs, outputs) = (dense.inputs(), dense.outputs());
+        let mut matrix = vec![0.; outputs * inputs];
+        dense.stretches(|range, output, input| {
+            matrix[output * inputs + input..][..range.len()].copy_from_slice(&flat[range]);
+        });
+        let mut bias = vec![0.; outputs];
+        dense.bias_stretches(|range, output| {
+            for (bias, &value) in bias[output..].iter_mut().zip(&flat[range]) {
+                *bias += value;
+            }
+        });
+        let forward = Panels::pack(dense.depth(), outputs, |input, values| {
+            for (output, value) in values.iter_mut().enumerate() {
+                *value = matrix[output * inputs + input];
+            }
+        });
+        let backward = Panels::pack(dense.used_outputs(), inputs, |output, values| {
+            values.copy_from_slice(&matrix[output * inputs..][..inputs]);
+        });
+        Self { forward, bias, backward, inputs }
+    }
+
+    pub(crate) fn outputs(&self) -> usize {
+        self.forward.width()
+    }
+}
+
+/// The gradient of one map, padded.
+#[derive(Debug)]
+pub(crate) struct Gradient {
+    weight: Vec<f32>,
+    bias: Vec<f32>,
+    inputs: usize,
+}
+
+impl Gradient {
+    pub(crate) fn zeros(dense: &Dense) -> Self {
+        let (inputs, outputs) = (dense.inputs(), dense.outputs());
+        Self { weight: vec![0.; inputs * outputs], bias: vec![0.; outputs], inputs }
+    }
+
+    /// Adds what `count` rows of output gradients `dy` and inputs `x` contribute.
+    pub(crate) fn add(&mut self, count: usize, dy: Rows<'_>, x: Rows<'_>, scratch: &mut Scratch) {
+        outer_sum(count, dy, x, &mut self.weight, &mut self.bias, self.inputs, scratch);
+    }
+
+    /// Adds this gradient to the flat one.
+    pub(crate) fn add_to(&self, dense: &Dense, flat: &mut [f32]) {
+        let sum = |flat: &mut [f32], values: &[f32]| {
+            for (flat, value) in flat.iter_mut().zip(values) {
+                *flat += value;
+            }
+        };
+        dense.stretches(|range, output, input| {
+            sum(&mut flat[range], &self.weight[output * self.inputs + input..]);
+        });
+        dense.bias_stretches(|range, output| sum(&mut flat[range], &self.bias[output..]));
+    }
+}
+
+/// A named weight and its shape.
+pub(crate) type Named = (String, Vec<usize>);
+
+/// The flat vector of all weights: names, shapes and order, and the maps they form.
+#[derive(Clone, Debug)]
+pub(crate) struct Layout {
+    /// phi_1 first, phi_2 after it.
+    pub(crate) names: Vec<Named>,
+    phi_1: usize,
+    pub(crate) maps: Net<Dense>,
+}
+
+impl Layout {
+    pub(crate) fn new(cfg: &TrajConfig) -> Self {
+        let mut flat = Flat::default();
+        let encoder = |input: usize| [&[input], &cfg.encoder[..], &[cfg.code]].concat();
+        let head = [&[2 * cfg.code], &cfg.decoder[..], &[1]].concat();
+        let first = flat.front(cfg, 1);
+        let enc_goal = flat.mlp("enc_goal", &encoder(2), &[2]);
+        let tau = flat.mlp("tau", &head, &[cfg.code, cfg.code]);
+        let phi_1 = flat.names.len();
+        let second = flat.front(cfg, 2);
+        let enc_nei = flat.mlp("enc_nei", &encoder(4), &[4]);
+        let k = flat.mlp("k", &head, &[cfg.code, cfg.code]);
+        let (mut enc_line, mut k_line) = (Vec::new(), Vec::new());
+        if cfg.lines {
+            enc_line = flat.mlp("enc_line", &encoder(2), &[2]);
+            k_line = flat.mlp("k_line", &head, &[cfg.code, cfg.code]);
+        }
+        let maps = Net { fronts: [first, second], enc_goal, tau, enc_nei, k, enc_line, k_line };
+        Self { names: flat.names, phi_1, maps }
+    }
+
+    /// Whether `phase` trains the weight at `index` of the names.
+    pub(crate) fn trained(&self, index: usize, phase: Phase) -> bool {
+        match phase {
+            Phase::Attraction => index < self.phi_1,
+            Phase::Repulsion => index >= self.phi_1,
+            Phase::Full => true,
+        }
+    }
+}
+
+/// A flat vector under construction.
+#[derive(Default)]
+struct Flat {
+    names: Vec<Named>,
+    len: usize,
+}
+
+impl Flat {
+    /// Appends a weight and returns its offset.
+    fn push(&mut self, name: String, shape: &[usize]) -> usize {
+        let offset = self.len;
+        self.len += shape.iter().product::<usize>();
+        self.names.push((name, shape.to_vec()));
+        offset
+    }
+
+    fn linear(&mut self, name: &str, inputs: &[usize], output: usize) -> Dense {
+        let stride = inputs.iter().sum();
+        let offset = self.push(format!("{name}.weight"), &[output, stride]);
+        let bias = self.push(format!("{name}.bias"), &[output]);
+        let mut column = 0;
+        let mut parts = Vec::new();
+        for &width in inputs {
+            parts.push(Part { offset, stride, column, width });
+            column += width;
+        }
+        Dense { inputs: parts, biases: vec![bias], outputs: (1, output) }
+    }
+
+    /// Linear layers between `widths`; the inputs of the first come in `parts`.
+    fn mlp(&mut self, name: &str, widths: &[usize], parts: &[usize]) -> Vec<Dense> {
+        let layer = |(i, pair): (usize, &[usize])| {
+            let inputs = if i == 0 { parts } else { &pair[..1] };
+            self.linear(&format!("{name}.{}", 2 * i), inputs, pair[1])
+        };
+        widths.windows(2).enumerate().map(layer).collect()
+    }
+
+    fn front(&mut self, cfg: &TrajConfig, number: usize) -> Front<Dense> {
+        let (hidden, gates) = (cfg.hidden, 4 * cfg.hidden);
+        let emb = self.linear(&format!("emb{number}"), &[4], cfg.embedding);
+        let input = self.push(format!("cell{number}.weight_ih"), &[gates, cfg.embedding]);
+        let memory = self.push(format!("cell{number}.weight_hh"), &[gates, hidden]);
+        let biases = ["bias_ih", "bias_hh"].map(|bias| self.push(format!("cell{number}.{bias}"), &[gates])).to_vec();
+        let whole = |offset, width| Part { offset, stride: width, column: 0, width };
+        let cell =
+            Dense { inputs: vec![whole(input, cfg.embedding), whole(memory, hidden)], biases, outputs: (4, hidden) };
+        let out = self.linear(&format!("out{number}"), &[hidden], cfg.code);
+        Front { emb, cell, out }
+    }
+}

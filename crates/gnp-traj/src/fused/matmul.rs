@@ -1,0 +1,302 @@
+//! The two matrix products of the roll-out, at the widest vectors the processor has.
+//!
+//! Weights are packed once a call into panels of two vectors' width: a product then reads them in
+//! order, whatever the number of rows, and a few rows at a time stay in registers.
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::aligned::Aligned;
+
+/// Rows of a sum over rows that are packed at once: their panel stays in the innermost cache.
+const BLOCK: usize = 192;
+
+/// A weight matrix `[depth, width]` in panels.
+#[derive(Debug)]
+pub(crate) struct Panels {
+    data: Aligned,
+    depth: usize,
+    width: usize,
+}
+
+impl Panels {
+    /// Packs the matrix whose row `i` `row(i, values)` writes into `values` `[width]`; `width` is a
+    /// multiple of a cache line.
+    pub(crate) fn pack(depth: usize, width: usize, mut row: impl FnMut(usize, &mut [f32])) -> Self {
+        let panel = panel_width();
+        let mut data = Aligned::zeros(depth * width);
+        let mut values = vec![0.; width];
+        for i in 0..depth {
+            values.fill(0.);
+            row(i, &mut values);
+            for (p, part) in values.chunks(panel).enumerate() {
+                let start = p * panel * depth + i * part.len();
+                data[start..start + part.len()].copy_from_slice(part);
+            }
+        }
+        Self { data, depth, width }
+    }
+
+    pub(crate) fn width(&self) -> usize {
+        self.width
+    }
+}
+
+/// What a product starts from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Start<'a> {
+    Zero,
+    /// One value a column `[width]`.
+    Bias(&'a [f32]),
+    /// What the result holds already.
+    Sum,
+}
+
+/// Rows of a matrix: row `i` begins at `data[i * stride]`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rows<'a> {
+    pub(crate) data: &'a [f32],
+    pub(crate) stride: usize,
+}
+
+/// Rows of a matrix to write.
+#[derive(Debug)]
+pub(crate) struct RowsMut<'a> {
+    pub(crate) data: &'a mut [f32],
+    pub(crate) stride: usize,
+}
+
+/// `y = start + x * weights` on `count` rows, negative values set to 0 if `relu`.
+pub(crate) fn product(count: usize, x: Rows<'_>, weights: &Panels, start: Start<'_>, relu: bool, y: RowsMut<'_>) {
+    if count > 0 {
+        Arch::new().dispatch(Product { count, x, weights, start, relu, y });
+    }
+}
+
+/// `sum[o, i] += dy[t, o] * x[t, i]` over the `count` rows `t`, and `bias[o] += dy[t, o]`.
+///
+/// `sum` is `[outputs, inputs]`, both multiples of a cache line; `scratch` is overwritten.
+pub(crate) fn outer_sum(
+    count: usize,
+    dy: Rows<'_>,
+    x: Rows<'_>,
+    sum: &mut [f32],
+    bias: &mut [f32],
+    inputs: usize,
+    scratch: &mut Scratch,
+) {
+    if count > 0 {
+        Arch::new().dispatch(OuterSum { count, dy, x, sum, bias, inputs, scratch });
+    }
+}
+
+/// Packed rows of one [`outer_sum`] at a time.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    dy: Aligned,
+    x: Aligned,
+}
+
+/// Two vectors.
+fn panel_width() -> usize {
+    struct Lanes;
+    impl WithSimd for Lanes {
+        type Output = usize;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) -> usize {
+            S::F32_LANES
+        }
+    }
+    2 * Arch::new().dispatch(Lanes)
+}
+
+struct Product<'a> {
+    count: usize,
+    x: Rows<'a>,
+    weights: &'a Panels,
+    start: Start<'a>,
+    relu: bool,
+    y: RowsMut<'a>,
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let (panel, width) = (2 * S::F32_LANES, self.weights.width);
+        for column in (0..width).step_by(panel) {
+            if width - column >= panel {
+                self.panel::<S, 2>(simd, column);
+            } else {
+                self.panel::<S, 1>(simd, column);
+            }
+        }
+    }
+}
+
+impl Product<'_> {
+    /// The columns from `column` on, `V` vectors of them, for all rows.
+    #[inline(always)]
+    fn panel<S: Simd, const V: usize>(&mut self, simd: S, column: usize) {
+        let depth = self.weights.depth;
+        let weights = &self.weights.data[column * depth..(column + V * S::F32_LANES) * depth];
+        let weights = S::as_simd_f32s(weights).0;
+        // As many rows as leave registers for the weights and one value of `x`.
+        let tile = if size_of::<S::f32s>() == 64 { 12 } else { 6 };
+        let mut row = 0;
+        while row < self.count {
+            let left = self.count - row;
+            match if left >= tile { tile } else { left } {
+                12 => self.tile::<S, 12, V>(simd, row, column, weights),
+                11 => self.tile::<S, 11, V>(simd, row, column, weights),
+                10 => self.tile::<S, 10, V>(simd, row, column, weights),
+                9 => self.tile::<S, 9, V>(simd, row, column, weights),
+                8 => self.tile::<S, 8, V>(simd, row, column, weights),
+                7 => self.tile::<S, 7, V>(simd, row, column, weights),
+                6 => self.tile::<S, 6, V>(simd, row, column, weights),
+                5 => self.tile::<S, 5, V>(simd, row, column, weights),
+                4 => self.tile::<S, 4, V>(simd, row, column, weights),
+                3 => self.tile::<S, 3, V>(simd, row, column, weights),
+                2 => self.tile::<S, 2, V>(simd, row, column, weights),
+                _ => self.tile::<S, 1, V>(simd, row, column, weights),
+            }
+            row += tile;
+        }
+    }
+
+    /// `R` rows of one panel.
+    #[inline(always)]
+    fn tile<S: Simd, const R: usize, const V: usize>(
+        &mut self,
+        simd: S,
+        row: usize,
+        column: usize,
+        weights: &[S::f32s],
+    ) {
+        let depth = self.weights.depth;
+        let y_stride = self.y.stride;
+        let place = |r: usize| (row + r) * y_stride + column;
+        let x: [&[f32]; R] = std::array::from_fn(|r| &self.x.data[(row + r) * self.x.stride..][..depth]);
+        let mut sums = [[simd.splat_f32s(0.); V]; R];
+        match self.start {
+            Start::Zero => {}
+            Start::Bias(bias) => {
+                let bias = S::as_simd_f32s(&bias[column..][..V * S::F32_LANES]).0;
+                for sums in &mut sums {
+                    sums.copy_from_slice(bias);
+                }
+            }
+            Start::Sum => {
+                for (r, sums) in sums.iter_mut().enumerate() {
+                    sums.copy_from_slice(S::as_simd_f32s(&self.y.data[place(r)..][..V * S::F32_LANES]).0);
+                }
+            }
+        }
+        for (i, weights) in weights.chunks_exact(V).enumerate().take(depth) {
+            let weights: [S::f32s; V] = std::array::from_fn(|v| weights[v]);
+            for r in 0..R {
+                let x = simd.splat_f32s(x[r][i]);
+                for v in 0..V {
+                    sums[r][v] = simd.mul_add_e_f32s(x, weights[v], sums[r][v]);
+                }
+            }
+        }
+        let zero = simd.splat_f32s(0.);
+        for (r, sums) in sums.iter().enumerate() {
+            let y = S::as_mut_simd_f32s(&mut self.y.data[place(r)..][..V * S::F32_LANES]).0;
+            for v in 0..V {
+                // `max` would turn NaN into 0 and hide that a weight has gone bad.
+                let negative = simd.less_than_f32s(sums[v], zero);
+                y[v] = if self.relu { simd.select_f32s(negative, zero, sums[v]) } else { sums[v] };
+            }
+        }
+    }
+}
+
+struct OuterSum<'a> {
+    count: usize,
+    dy: Rows<'a>,
+    x: Rows<'a>,
+    sum: &'a mut [f32],
+    bias: &'a mut [f32],
+    inputs: usize,
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for OuterSum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        // Accumulators of `R` outputs by two vectors of inputs.
+        if size_of::<S::f32s>() == 64 { self.blocks::<S, 8>(simd) } else { self.blocks::<S, 4>(simd) }
+    }
+}
+
+impl OuterSum<'_> {
+    #[inline(always)]
+    fn blocks<S: Simd, const R: usize>(&mut self, simd: S) {
+        let (outputs, panel) = (self.bias.len(), 2 * S::F32_LANES);
+        if self.scratch.dy.len() < BLOCK * outputs {
+            self.scratch.dy = Aligned::zeros(BLOCK * outputs);
+        }
+        if self.scratch.x.len() < BLOCK * panel {
+            self.scratch.x = Aligned::zeros(BLOCK * panel);
+        }
+        for first in (0..self.count).step_by(BLOCK) {
+            let count = BLOCK.min(self.count - first);
+            for t in 0..count {
+                let dy = &self.dy.data[(first + t) * self.dy.stride..][..outputs];
+                for (bias, &dy) in self.bias.iter_mut().zip(dy) {
+                    *bias += dy;
+                }
+                for (tile, dy) in dy.as_chunks::<R>().0.iter().enumerate() {
+                    self.scratch.dy[(tile * count + t) * R..][..R].copy_from_slice(dy);
+                }
+            }
+            for column in (0..self.inputs).step_by(panel) {
+                if self.inputs - column >= panel {
+                    self.panel::<S, R, 2>(simd, first, count, column);
+                } else {
+                    self.panel::<S, R, 1>(simd, first, count, column);
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn panel<S: Simd, const R: usize, const V: usize>(
+        &mut self,
+        simd: S,
+        first: usize,
+        count: usize,
+        column: usize,
+    ) {
+        let width = V * S::F32_LANES;
+        for (t, packed) in self.scratch.x.chunks_exact_mut(width).enumerate().take(count) {
+            packed.copy_from_slice(&self.x.data[(first + t) * self.x.stride + column..][..width]);
+        }
+        let x = S::as_simd_f32s(&self.scratch.x[..count * width]).0;
+        for (tile, dy) in self.scratch.dy.chunks_exact(count * R).enumerate().take(self.bias.len() / R) {
+            let mut sums = [[simd.splat_f32s(0.); V]; R];
+            for (r, sums) in sums.iter_mut().enumerate() {
+                sums.copy_from_slice(S::as_simd_f32s(&self.sum[(tile * R + r) * self.inputs + column..][..width]).0);
+            }
+            for (x, dy) in x.chunks_exact(V).zip(dy.as_chunks::<R>().0) {
+                let x: [S::f32s; V] = std::array::from_fn(|v| x[v]);
+                for r in 0..R {
+                    let dy = simd.splat_f32s(dy[r]);
+                    for v in 0..V {
+                        sums[r][v] = simd.mul_add_e_f32s(dy, x[v], sums[r][v]);
+                    }
+                }
+            }
+            for (r, sums) in sums.iter().enumerate() {
+                S::as_mut_simd_f32s(&mut self.sum[(tile * R + r) * self.inputs + column..][..width])
+                    .0
+                    .copy_from_slice(sums);
+            }
+        }
+    }
+}
+

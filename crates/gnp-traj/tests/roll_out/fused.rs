@@ -1,0 +1,137 @@
+//! The fused roll-out is the graph's: same paths, same forces, same gradients; and the same bits on any
+//! number of threads.
+
+use candle_core::{Device, Tensor};
+use gnp_nn::Weights;
+use gnp_traj::{Engine, Integrator, Phase, Scene, SocialForce, TrajConfig};
+
+use crate::scenes::{Outcome, assert_close, gradients, network, scene, small, uniform, values};
+
+/// The path and the gradients of a loss that weighs every coordinate differently.
+fn outcome(
+    (network, weights): &(SocialForce, Weights),
+    engine: Engine,
+    scene: &Scene,
+    phase: Phase,
+) -> Result<(Vec<f32>, Vec<(String, Option<Vec<f32>>)>), Box<dyn std::error::Error>> {
+    let path = network.roll_out_on(engine, scene, phase)?;
+    let rng = &mut rand::SeedableRng::seed_from_u64(9);
+    let pull = uniform(rng, path.dims(), -1., 1.)?;
+    let loss = ((path.sqr()? * 0.05)? + (&path * pull)?)?.sum_all()?;
+    Ok((values(&path)?, gradients(weights, &loss)?))
+}
+
+fn assert_same(cfg: &TrajConfig, scene: &Scene, phase: Phase) -> Outcome {
+    let network = network(cfg, 7)?;
+    let (wanted_path, wanted) = outcome(&network, Engine::Graph, scene, phase)?;
+    let (path, found) = outcome(&network, Engine::Fused, scene, phase)?;
+    assert_close("path", &path, &wanted_path, 1e-5);
+    for ((name, wanted), (_, found)) in wanted.into_iter().zip(found) {
+        assert_eq!(wanted.is_some(), found.is_some(), "{name} in {phase:?}");
+        if let (Some(wanted), Some(found)) = (wanted, found) {
+            assert!(wanted.iter().any(|&v| v != 0.), "{name} in {phase:?}: the test does not reach it");
+            assert_close(&name, &found, &wanted, 1e-4);
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn paths_and_gradients_are_those_of_the_graph() -> Outcome {
+    for phase in [Phase::Attraction, Phase::Repulsion, Phase::Full] {
+        for (goals, integrator, network_period) in
+            [(1, Integrator::SemiImplicit, 1), (3, Integrator::Explicit, 1), (2, Integrator::SemiImplicit, 3)]
+        {
+            assert_same(&TrajConfig { integrator, network_period, ..small() }, &scene(5, goals, 11)?, phase)?;
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn several_chunks_add_up() -> Outcome {
+    assert_same(&small(), &scene(75, 1, 12)?, Phase::Full)
+}
+
+#[test]
+fn heads_of_one_and_two_hidden_layers_work_too() -> Outcome {
+    let cfg = TrajConfig { decoder: vec![9], encoder: vec![7], hidden: 17, embedding: 16, code: 20, ..small() };
+    assert_same(&cfg, &scene(3, 2, 13)?, Phase::Full)?;
+    assert_same(&TrajConfig { decoder: vec![33, 5], ..cfg }, &scene(3, 2, 13)?, Phase::Full)
+}
+
+#[test]
+fn windows_without_neighbours_or_lines_go_with_those_that_have_them() -> Outcome {
+    let mut scene = scene(4, 2, 14)?;
+    let there = Tensor::new(&[[0f32], [1.], [0.], [1.]], &Device::Cpu)?;
+    if let Some(neighbours) = &mut scene.neighbours {
+        neighbours.present = neighbours.present.broadcast_mul(&there)?;
+    }
+    if let Some(lines) = &mut scene.lines {
+        lines.present = lines.present.broadcast_mul(&(1. - there)?)?;
+    }
+    assert_same(&small(), &scene, Phase::Full)
+}
+
+#[test]
+fn a_batch_where_nobody_pushes_is_rolled_out() -> Outcome {
+    let mut scene = scene(4, 2, 14)?;
+    if let Some(neighbours) = &mut scene.neighbours {
+        neighbours.present = neighbours.present.zeros_like()?;
+    }
+    let cfg = TrajConfig { lines: false, ..small() };
+    let (network, _) = network(&cfg, 7)?;
+    let wanted = values(&network.roll_out_on(Engine::Graph, &scene, Phase::Full)?)?;
+    assert_close("path", &values(&network.roll_out_on(Engine::Fused, &scene, Phase::Full)?)?, &wanted, 1e-5);
+    scene.neighbours = None;
+    assert_close("path", &values(&network.roll_out_on(Engine::Fused, &scene, Phase::Full)?)?, &wanted, 1e-5);
+    Ok(())
+}
+
+#[test]
+fn the_reported_parts_are_those_of_the_graph() -> Outcome {
+    let (network, _) = network(&TrajConfig { network_period: 2, ..small() }, 7)?;
+    let scene = scene(35, 2, 15)?;
+    let wanted = network.roll_out_explained_on(Engine::Graph, &scene, Phase::Full)?;
+    let found = network.roll_out_explained_on(Engine::Fused, &scene, Phase::Full)?;
+    let same = |name: &str, found: &Tensor, wanted: &Tensor| -> Outcome {
+        assert_eq!(found.dims(), wanted.dims(), "{name}");
+        assert_close(name, &values(found)?, &values(wanted)?, 2e-5);
+        Ok(())
+    };
+    same("path", &found.path, &wanted.path)?;
+    same("velocity", &found.velocity, &wanted.velocity)?;
+    same("goal_force", &found.goal_force, &wanted.goal_force)?;
+    same("tau", &found.tau, &wanted.tau)?;
+    let parts = [
+        ("neighbour_forces", found.neighbour_forces, wanted.neighbour_forces),
+        ("k", found.k, wanted.k),
+        ("line_forces", found.line_forces, wanted.line_forces),
+        ("k_line", found.k_line, wanted.k_line),
+    ];
+    for (name, found, wanted) in parts {
+        same(name, &found.ok_or(name)?, &wanted.ok_or(name)?)?;
+    }
+    Ok(())
+}
+
+#[test]
+fn one_thread_and_two_give_the_same_bits() -> Outcome {
+    let scene = scene(100, 1, 16)?;
+    let on = |threads: usize| -> Result<_, Box<dyn std::error::Error>> {
+        let network = network(&small(), 7)?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        pool.install(|| outcome(&network, Engine::Fused, &scene, Phase::Full).map_err(|e| e.to_string())).map_err(Into::into)
+    };
+    assert_eq!(on(1)?, on(2)?);
+    Ok(())
+}
+
+#[test]
+fn memory_that_was_used_before_does_not_show() -> Outcome {
+    let network = network(&small(), 7)?;
+    let first = outcome(&network, Engine::Fused, &scene(6, 1, 17)?, Phase::Full)?;
+    outcome(&network, Engine::Fused, &scene(40, 2, 18)?, Phase::Full)?;
+    assert_eq!(outcome(&network, Engine::Fused, &scene(6, 1, 17)?, Phase::Full)?, first);
+    Ok(())
+}
