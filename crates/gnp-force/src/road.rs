@@ -129,3 +129,30 @@ impl<T> From<Road<T>> for Vec<Line<T>> {
         road.lines
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_belong_to_the_lane_between_two_lines_or_the_nearest() {
+        let road = Road::motorway(3, 4.0).unwrap();
+        let lanes = [-7.0, 0.0, 3.9, 4.0, 7.9, 8.1, 11.9, 12.0, 30.0].map(|y| road.lane_at(y));
+        assert_eq!(lanes, [0, 0, 0, 1, 1, 2, 2, 2, 2]);
+        assert_eq!([0, 1, 2, 3].map(|lane| road.lane_centre(lane)), [Some(2.0), Some(6.0), Some(10.0), None]);
+        assert_eq!((Road::<f64>::open().lanes(), Road::<f64>::open().lane_at(99.0)), (1, 0));
+    }
+
+    #[test]
+    fn lines_are_put_in_order_and_edges_face_the_road() {
+        let mut lines: Vec<Line<f64>> = Road::motorway(2, 3.5).unwrap().into();
+        let sorted = lines.clone();
+        lines.reverse();
+        assert_eq!(Road::new(lines).unwrap().lines(), sorted);
+        assert_eq!(
+            sorted.iter().map(|line| line.kind).collect::<Vec<_>>(),
+            [LineKind::Boundary, LineKind::Centre, LineKind::Boundary]
+        );
+        assert_eq!((sorted[0].road, sorted[2].road), (Side::Left, Side::Right));
+    }
+}

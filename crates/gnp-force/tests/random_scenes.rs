@@ -121,9 +121,15 @@ fn surroundings_are_those_of_a_search_through_all() {
 #[test]
 fn an_explanation_adds_up_to_the_motion() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let mut shortened = 0;
     for _ in 0..20 {
         let mut scene = random_scene(&mut rng, 2, 12);
         let dt = scene.params().dt;
+        for (id, _) in scene.vehicles() {
+            let push = scene.explain(id).unwrap().forces.neighbours_total().norm();
+            assert!(push <= scene.params().grip + 1e-9, "{id} is pushed with {push} m/s²");
+            shortened += u32::from(push > scene.params().grip - 1e-9);
+        }
         let before: Vec<_> = scene
             .vehicles()
             .map(|(id, vehicle)| (id, vehicle.state.velocity, scene.explain(id).unwrap().forces.total()))
@@ -138,4 +144,5 @@ fn an_explanation_adds_up_to_the_motion() {
             assert!(share.norm() < 1e-9, "{id}: {:?} is not {expected:?}", vehicle.state.velocity);
         }
     }
+    assert!(shortened > 0, "the limit must have been met");
 }

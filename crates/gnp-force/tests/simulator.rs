@@ -1,6 +1,6 @@
 //! Where vehicles go: to their goals and lanes, in symmetric scenes symmetrically, in either precision.
 #![allow(clippy::unwrap_used, reason = "a test that cannot build its scene has failed")]
-use gnp_force::{Drive, Integrator, Road, Simulator, SimulatorParams, State, Vehicle, nalgebra::Point2};
+use gnp_force::{Drive, Extent, Integrator, Road, Simulator, SimulatorParams, State, Vehicle, nalgebra::Point2};
 
 const Y: f64 = 1.875;
 
@@ -148,4 +148,58 @@ fn single_precision_drives_as_double_does() {
         first.to_subset_unchecked()
     }
     assert!((end::<f32>() - end::<f64>()).abs() < 0.01);
+}
+
+#[test]
+fn a_slower_vehicle_in_the_next_lane_holds_nobody_up() {
+    let mut scene = scene(SimulatorParams::motorway(0.04), 2);
+    let left = scene.road().lane_centre(1).unwrap();
+    let passing = scene.add(cruise(0.0, left, 32.0, 32.0)).unwrap();
+    scene.add(cruise(80.0, Y, 22.0, 22.0)).unwrap();
+    for _ in 0..500 {
+        scene.step();
+        let speed = scene.vehicle(passing).unwrap().state.velocity.x;
+        assert!((speed - 32.0).abs() < 0.05, "{speed} m/s at {} s", scene.time());
+    }
+    assert!(scene.vehicle(passing).unwrap().state.position.x > 600.0);
+}
+
+#[test]
+fn several_lanes_are_crossed_no_faster_than_wished() {
+    let mut scene = scene(SimulatorParams::motorway(0.04), 6);
+    let far = scene.road().lane_centre(5).unwrap();
+    let id = scene.add(Vehicle { drive: Drive::Cruise { speed: 30.0, y: far }, ..cruise(0.0, Y, 30.0, 30.0) }).unwrap();
+    let mut fastest = 0.0_f64;
+    for _ in 0..1000 {
+        scene.step();
+        fastest = fastest.max(scene.vehicle(id).unwrap().state.velocity.y);
+    }
+    assert!((1.0..1.4).contains(&fastest), "1.2 m/s is wished, lines add and take a little: {fastest}");
+}
+
+#[test]
+fn nobody_is_pushed_backwards() {
+    let mut scene = scene(SimulatorParams::motorway(0.04), 1);
+    let id = scene.add(cruise(0.0, Y, 0.5, 30.0)).unwrap();
+    scene.add(Vehicle::obstacle(5.0, Y, Extent::car())).unwrap();
+    let mut x = 0.0;
+    for _ in 0..250 {
+        scene.step();
+        let state = scene.vehicle(id).unwrap().state;
+        assert!(state.velocity.x >= 0.0 && state.position.x >= x, "{state:?}");
+        x = state.position.x;
+    }
+    assert!(x < 0.4, "it stands in front of the obstacle: {x}");
+}
+
+#[test]
+fn moving_a_vehicle_from_outside_changes_who_is_around() {
+    let mut scene = scene(SimulatorParams::motorway(0.04), 1);
+    let (a, b) = (scene.add(cruise(0.0, Y, 30.0, 30.0)).unwrap(), scene.add(cruise(50.0, Y, 30.0, 30.0)).unwrap());
+    scene.step();
+    assert_eq!(scene.surroundings(a).unwrap().ahead, Some(b));
+    scene.set_state(b, State::new(-50.0, Y, 30.0, 0.0)).unwrap();
+    assert_eq!((scene.surroundings(a).unwrap().ahead, scene.surroundings(a).unwrap().behind), (None, Some(b)));
+    scene.step();
+    assert_eq!(scene.surroundings(a).unwrap().behind, Some(b));
 }
