@@ -148,6 +148,9 @@ pub(crate) struct MachineArgs {
     /// No progress, only warnings and tables.
     #[arg(long, short)]
     pub(crate) quiet: bool,
+    /// Log what the libraries do, on stderr.
+    #[arg(long, short, conflicts_with = "quiet")]
+    pub(crate) verbose: bool,
 }
 
 /// `--dataset`.

@@ -165,7 +165,10 @@ impl RunConfig {
         self.evaluate.check().context("[evaluate]")?;
         let asked: Vec<usize> = self.evaluate.protocols.iter().flat_map(|protocol| protocol.asks()).copied().collect();
         if !asked.contains(&self.predict.k) {
-            bail!("predict.k = {}: the protocols of [evaluate] ask for {asked:?} futures; take one of these", self.predict.k);
+            bail!(
+                "predict.k = {}: the protocols of [evaluate] ask for {asked:?} futures; take one of these",
+                self.predict.k
+            );
         }
         Ok(())
     }

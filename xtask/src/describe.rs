@@ -38,5 +38,9 @@ pub(crate) fn run(run: &RunArgs, terminal: &Terminal) -> Result<()> {
 }
 
 fn counted(sources: usize) -> String {
-    if sources == 1 { "1 recording or file of recordings".to_owned() } else { format!("{sources} recordings or files of recordings") }
+    if sources == 1 {
+        "1 recording or file of recordings".to_owned()
+    } else {
+        format!("{sources} recordings or files of recordings")
+    }
 }

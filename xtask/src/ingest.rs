@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::{CellAlignment, Table, TableComponent, presets};
 use gnp_data::{DataError, Expectation, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality, RecordingDrops, read};
 use serde::{Deserialize, Serialize};
 
@@ -111,9 +111,23 @@ impl IngestReport {
     /// The table for people.
     pub(crate) fn text(&self) -> String {
         let mut table = Table::new();
-        table.load_preset(presets::UTF8_HORIZONTAL_ONLY).set_header([
-            "recording", "site", "rows", "vehicles", "duplicates", "gaps", "jumps", "overlaps", "lane flips", "lanes",
-            "windows", "cut by gap", "too short", "past end",
+        table.load_preset(presets::NOTHING);
+        table.set_style(TableComponent::HeaderLines, '─').set_style(TableComponent::MiddleHeaderIntersections, '─');
+        table.set_header([
+            "recording",
+            "site",
+            "lanes",
+            "rows",
+            "vehicles",
+            "doubles",
+            "gaps",
+            "jumps",
+            "overlaps",
+            "flips",
+            "windows",
+            "at gap",
+            "short",
+            "at end",
         ]);
         let mut total = [0u64; 11];
         for report in &self.recordings {
@@ -131,13 +145,17 @@ impl IngestReport {
             table.add_row(row(&q.recording, &q.site, lanes, &counts, &windows));
         }
         table.add_row(row("all", "", "", &total[..7], &total[7..]));
-        for column in table.column_iter_mut().skip(2) {
-            column.set_cell_alignment(CellAlignment::Right);
+        for (number, column) in table.column_iter_mut().enumerate() {
+            column.set_padding((0, 2));
+            if number > 2 {
+                column.set_cell_alignment(CellAlignment::Right);
+            }
         }
         let mut text = format!("Recordings: {}\n{table}\n", self.data.words);
         text.push_str(&format!(
-            "Jumps: rows faster than {JUMP_SPEED} m/s or with more than {JUMP_ACCELERATION} m/s² over half a second; kept.\n\
-             Overlaps: pairs of boxes by frame. Windows left out: cut by a gap, track too short, past the end of the track.\n"
+            "doubles: rows that repeat or contradict an earlier one of vehicle and frame, left out. jumps: rows faster\n\
+             than {JUMP_SPEED} m/s or with more than {JUMP_ACCELERATION} m/s² over half a second, kept. overlaps: pairs of boxes by frame.\n\
+             flips: changes of lane undone within 1 s. Windows left out: at a gap, on a track too short, at a track's end.\n"
         ));
         for report in &self.recordings {
             for (reason, rows) in &report.quality.skipped_rows {
@@ -152,9 +170,8 @@ impl IngestReport {
 }
 
 fn row(name: &str, site: &str, lanes: &str, counts: &[u64], windows: &[u64]) -> Vec<String> {
-    let start = [name.to_owned(), site.to_owned()].into_iter();
-    let counts = counts.iter().map(u64::to_string);
-    start.chain(counts).chain([lanes.to_owned()]).chain(windows.iter().map(u64::to_string)).collect()
+    let numbers = counts.iter().chain(windows).map(u64::to_string);
+    [name.to_owned(), site.to_owned(), lanes.to_owned()].into_iter().chain(numbers).collect()
 }
 
 #[cfg(test)]

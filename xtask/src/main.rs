@@ -46,7 +46,9 @@ fn main() -> ExitCode {
 fn dispatch(command: Command) -> Result<()> {
     match command {
         Command::Pipeline { run, machine } => pipeline::run(&run, &machine),
-        Command::Ingest { run, describe: true, machine } => describe::run(&run, &Terminal::start(machine.quiet)),
+        Command::Ingest { run, describe: true, machine } => {
+            describe::run(&run, &Terminal::start(machine.quiet, machine.verbose))
+        }
         Command::Ingest { run, machine, .. } => pipeline::ingest_only(&run, &machine),
         Command::Modes(args) => stage(&args, Stage::Modes),
         Command::Goal(args) => stage(&args, Stage::Goal),
@@ -54,7 +56,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Repulsion(args) => stage(&args, Stage::Repulsion),
         Command::Evaluate(args) => stage(&args, Stage::Evaluate),
         Command::Eval(args) => score_run::run(&args),
-        Command::Ci => ci::run(&project::root(), &Terminal::start(false)),
+        Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),
         Command::Tidy => tidy::run(&project::root()),
     }
 }

@@ -29,7 +29,8 @@ pub(crate) fn run(session: &Session) -> Result<String> {
         ));
     }
     if split.leaks() {
-        terminal.note("split: it leaks, the same vehicle at the same time stands in several parts; scores are too good");
+        terminal
+            .note("split: it leaks, the same vehicle at the same time stands in several parts; scores are too good");
     }
     stop::check()?;
     let features = features(&session.config, &set, &split)?;

@@ -109,9 +109,8 @@ fn start(run: &RunArgs, config: RunConfig, machine: Machine, root: &Path) -> Res
     machine.terminal.result(&format!("Data: {}", found.data.words));
     let started = Instant::now();
     let ingested = ingest::run(found, &config, draft.path(), &machine.terminal);
-    let report = ingested.map_err(|error| {
-        if error.is::<Interrupted>() { error.context("nothing was written") } else { error }
-    })?;
+    let report = ingested
+        .map_err(|error| if error.is::<Interrupted>() { error.context("nothing was written") } else { error })?;
     write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
     write_state(draft.path(), &RunState::new(config.seed, report.data))?;
     let mut folder = RunFolder::open(&draft.publish()?)?;

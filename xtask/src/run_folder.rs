@@ -55,9 +55,10 @@ impl Stage {
     pub(crate) fn needs(self) -> &'static [Self] {
         match self {
             Self::Ingest => &[],
-            Self::Modes | Self::Attraction => &[Self::Ingest],
-            Self::Goal => &[Self::Ingest, Self::Modes],
-            Self::Repulsion => &[Self::Ingest, Self::Attraction],
+            Self::Modes => &[Self::Ingest],
+            // The split is made with the modes.
+            Self::Goal | Self::Attraction => &[Self::Ingest, Self::Modes],
+            Self::Repulsion => &[Self::Ingest, Self::Modes, Self::Attraction],
             Self::Evaluate => &[Self::Ingest, Self::Modes, Self::Goal, Self::Attraction, Self::Repulsion],
         }
     }
@@ -358,7 +359,8 @@ mod tests {
         let parent = TempDir::new().unwrap();
         let message = RunFolder::open(parent.path()).unwrap_err().to_string();
         assert!(message.contains("is not a run folder"), "{message}");
-        fs::write(parent.path().join(STATE), serde_json::to_string(&RunState { format: 99, ..state() }).unwrap()).unwrap();
+        fs::write(parent.path().join(STATE), serde_json::to_string(&RunState { format: 99, ..state() }).unwrap())
+            .unwrap();
         assert!(RunFolder::open(parent.path()).unwrap_err().to_string().contains("layout 99"));
     }
 }

@@ -29,7 +29,7 @@ impl Machine {
     /// # Errors
     /// When the device is not in this build or not in this computer.
     pub(crate) fn start(args: &MachineArgs) -> Result<Self> {
-        let terminal = Terminal::start(args.quiet);
+        let terminal = Terminal::start(args.quiet, args.verbose);
         stop::install()?;
         if let Some(threads) = args.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));

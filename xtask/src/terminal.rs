@@ -23,7 +23,7 @@ pub(crate) struct Terminal {
 
 impl Terminal {
     /// Sets up progress and logs; call once. Colours are left out when `NO_COLOR` is set.
-    pub(crate) fn start(quiet: bool) -> Self {
+    pub(crate) fn start(quiet: bool, verbose: bool) -> Self {
         let interactive = io::stderr().is_terminal() && !quiet;
         let target = if interactive { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let terminal = Self { bars: MultiProgress::with_draw_target(target), quiet, interactive };
@@ -31,7 +31,7 @@ impl Terminal {
         let bars = terminal.bars.clone();
         // A second call (tests in one process) keeps the first subscriber.
         let _ = tracing_subscriber::fmt()
-            .with_max_level(if quiet { LevelFilter::WARN } else { LevelFilter::INFO })
+            .with_max_level(if verbose { LevelFilter::INFO } else { LevelFilter::WARN })
             .with_ansi(coloured)
             .with_target(false)
             .without_time()
@@ -61,7 +61,8 @@ impl Terminal {
     pub(crate) fn work(&self, what: &str, total: u64, unit: &'static str) -> Work {
         let bar = self.bars.add(ProgressBar::new(total));
         let colour = if std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()) { ".cyan/dim" } else { "" };
-        let template = format!("{{prefix:12}} {{bar:30{colour}}} {{pos}}/{{len}} {unit} {{per_sec}}, {{eta}} left {{msg}}");
+        let template =
+            format!("{{prefix:12}} {{bar:30{colour}}} {{pos}}/{{len}} {unit} {{per_sec}}, {{eta}} left {{msg}}");
         bar.set_style(ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar()));
         bar.set_prefix(what.to_owned());
         let plain = !self.interactive && !self.quiet;

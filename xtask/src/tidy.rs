@@ -23,7 +23,10 @@ pub(crate) fn run(root: &Path) -> Result<()> {
     for finding in &findings {
         eprintln!("tidy: {finding}");
     }
-    bail!("tidy: {} to put right", if findings.len() == 1 { "one thing".into() } else { format!("{} things", findings.len()) })
+    bail!(
+        "tidy: {} to put right",
+        if findings.len() == 1 { "one thing".into() } else { format!("{} things", findings.len()) }
+    )
 }
 
 fn findings(root: &Path) -> Result<Vec<String>> {

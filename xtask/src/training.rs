@@ -1,6 +1,7 @@
 //! The three trainings: goal, attraction, repulsion.
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 use gnp_data::{Split, WindowSet};
@@ -9,8 +10,8 @@ use gnp_model::{Features, Header, Part};
 use gnp_modes::Modes;
 use gnp_nn::Weights;
 use gnp_train::{
-    BatchReport, Checkpoints, End, EventWriter, GoalStage, History, Observer, PathStage, Plan, Stage, TrainConfig,
-    TrainError, Trainer, Windows,
+    BatchReport, Checkpoints, End, EpochReport, EventWriter, GoalStage, History, Observer, PathStage, Plan, Stage,
+    TrainConfig, TrainError, Trainer, Windows,
 };
 use gnp_traj::SocialForce;
 
@@ -77,9 +78,9 @@ fn train(session: &Session, stage: &dyn Stage, config: &TrainConfig, mut checkpo
     let name = stage.name();
     let last = checkpoints.last()?;
     let events = EventWriter::create(&session.folder.path("events"))?;
-    let watch = Watch { terminal: session.terminal(), work: None, done: 0 };
+    let watch = Watch { terminal: session.terminal(), name, epochs: config.epochs, work: None, done: 0 };
     let mut trainer = Trainer { config, sink: &mut checkpoints, observer: (watch, events), stop: &STOP };
-    let started = std::time::Instant::now();
+    let started = Instant::now();
     let outcome = match &last {
         Some(state) => trainer.resume(stage, state)?,
         None => trainer.fit(stage)?,
@@ -105,6 +106,8 @@ fn train(session: &Session, stage: &dyn Stage, config: &TrainConfig, mut checkpo
 /// Shows a training as it goes.
 struct Watch<'a> {
     terminal: &'a Terminal,
+    name: &'static str,
+    epochs: usize,
     work: Option<Work>,
     done: u64,
 }
@@ -123,6 +126,22 @@ impl Observer for Watch<'_> {
         if let Some(work) = &self.work {
             work.at(self.done, &format!("epoch {}, loss {:.4}", report.epoch, report.loss));
         }
+        Ok(())
+    }
+
+    fn on_epoch(&mut self, report: &EpochReport<'_>) -> Result<(), TrainError> {
+        let record = report.record;
+        let scores = record.validation.iter().map(|score| format!("{} {:.4}", score.name, score.value));
+        let scores = scores.collect::<Vec<_>>().join(", ");
+        let best = if report.best { " *" } else { "" };
+        self.terminal.note(&format!(
+            "{}: epoch {}/{}, {}, loss {:.4}; validation {scores}{best}",
+            self.name,
+            record.epoch,
+            self.epochs,
+            duration(Duration::from_secs_f64(report.seconds)),
+            record.train_loss
+        ));
         Ok(())
     }
 }

@@ -18,8 +18,6 @@ use crate::features::Features;
 const FORMAT: u32 = 1;
 /// Key of the header in the safetensors metadata.
 const KEY: &str = "gnp";
-/// Prefix of tensors that belong to a trainer (optimiser state), not to the network.
-pub(crate) const TRAINER: &str = "trainer.";
 /// The frame of every length in a checkpoint.
 const FRAME: &str = "road frame: x forward, y left, origin at the target's last observed centre, metres";
 

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use candle_core::{Device, Tensor};
+use candle_core::{DType, Device, Tensor};
+use candle_nn::VarBuilder;
 use gnp_data::{
     Explanation, Forecast, InformedPredictor, Mode, Observation, PredictError, Predictor, SLOTS, StepForces, Truth,
     Window, WindowShape,
 };
 use gnp_goal::GoalNet;
 use gnp_modes::Modes;
-use gnp_nn::Weights;
 use gnp_traj::{Phase, RollOut, Scene, SocialForce};
 
 use crate::checkpoint::{Checkpoint, Header, Part};
@@ -90,17 +90,13 @@ impl Gnp {
         if modes.t_pred != header.shape.predicted || modes.frame != features.mode_frame() {
             return Err(ModelError::config("modes", "do not have the goal network's frames: cluster and train again"));
         }
-        let weights = Weights::seeded(0, device);
-        weights.set(network_weights(goal))?;
         let config = header.goal.as_ref().ok_or_else(|| missing("goal"))?;
-        let net = GoalNet::new(config, features.goal_shape(), weights.builder())?;
+        let net = GoalNet::new(config, features.goal_shape(), constants(goal, device))?;
         let force = match force {
             Some(checkpoint) => {
-                let weights = Weights::seeded(0, device);
-                weights.set(network_weights(checkpoint))?;
                 let config = checkpoint.header.traj.as_ref().ok_or_else(|| missing("traj"))?;
                 let phase = if checkpoint.header.part == Part::Attraction { Phase::Attraction } else { Phase::Full };
-                Some((SocialForce::new(config, weights.builder())?, phase))
+                Some((SocialForce::new(config, constants(checkpoint, device))?, phase))
             }
             None => None,
         };
@@ -209,10 +205,12 @@ impl Gnp {
     }
 }
 
-/// Weights of the network in a checkpoint, without what a trainer stores beside them.
-fn network_weights(checkpoint: &Checkpoint) -> impl Iterator<Item = (&str, &Tensor)> {
-    let own = |name: &str| !name.starts_with(crate::checkpoint::TRAINER);
-    checkpoint.tensors.iter().filter(move |(name, _)| own(name)).map(|(name, tensor)| (name.as_str(), tensor))
+/// Weights of a checkpoint as constants: a forecast then keeps no record of its steps for gradients
+/// that nobody asks for, which for a roll-out would take gigabytes. A weight that the file does not
+/// have is an error, and so is one of another shape.
+fn constants(checkpoint: &Checkpoint, device: &Device) -> VarBuilder<'static> {
+    let tensors = checkpoint.tensors.iter().map(|(name, tensor)| (name.clone(), tensor.clone()));
+    VarBuilder::from_tensors(tensors.collect(), DType::F32, device)
 }
 
 /// Last points of all futures, `[batch, k, 2]`.

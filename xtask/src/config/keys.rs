@@ -7,8 +7,8 @@ use anyhow::{Result, anyhow, bail};
 use toml::{Table, Value};
 
 /// Tables that are checked as one value: their keys name things of the data, or differ by kind.
-const WHOLE: [&str; 4] =
-    ["split.sites", "goal.schedule", "attraction.schedule", "repulsion.schedule"];
+const WHOLE: [&str; 5] =
+    ["windows.site_stride_s", "split.sites", "goal.schedule", "attraction.schedule", "repulsion.schedule"];
 
 /// One `key=value` of `--set`.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,7 +84,8 @@ pub(crate) fn check(table: &Table, reference: &Table) -> Result<()> {
 /// When the key does not exist, with the keys that come near it; when the value has another type.
 pub(crate) fn set(table: &mut Table, setting: &Setting) -> Result<()> {
     let Setting { key, text } = setting;
-    if let Some((name, whole)) = WHOLE.iter().find_map(|path| Some((key.strip_prefix(path)?.strip_prefix('.')?, path))) {
+    if let Some((name, whole)) = WHOLE.iter().find_map(|path| Some((key.strip_prefix(path)?.strip_prefix('.')?, path)))
+    {
         let inner = whole.split('.').try_fold(&mut *table, |at, part| at.get_mut(part)?.as_table_mut());
         inner.ok_or_else(|| anyhow!("the configuration has no table `{whole}`"))?.insert(name.to_owned(), parse(text));
         return Ok(());

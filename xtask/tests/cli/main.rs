@@ -1,0 +1,9 @@
+//! The program as its users run it.
+
+// clippy.toml allows these inside test functions alone.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod bad_input;
+mod pipeline;
+mod program;
+mod settings;
