@@ -45,7 +45,7 @@ Exit code: 0 done, 1 error, 2 wrong use, 130 interrupted (a checkpoint is kept).
         #[command(flatten)]
         machine: MachineArgs,
     },
-    /// Read recordings, report their quality, cut windows and split them: starts a run folder.
+    /// Read recordings, report their quality and count their windows: starts a run folder.
     #[command(after_help = "\
 Examples:
   cargo xtask ingest --dataset ngsim --out runs/ngsim
@@ -61,7 +61,7 @@ Examples:
         #[command(flatten)]
         machine: MachineArgs,
     },
-    /// Cluster the futures of the training windows into intention modes.
+    /// Split the windows and cluster the futures of the training part into intention modes.
     Modes(StageArgs),
     /// Train the goal network.
     Goal(StageArgs),

@@ -6,7 +6,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use comfy_table::{CellAlignment, Table, TableComponent, presets};
-use gnp_data::{DataError, Expectation, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality, RecordingDrops, read};
+use gnp_data::{
+    DataError, Expectation, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality, Recording, RecordingDrops, read,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
@@ -108,6 +110,21 @@ fn plain(name: &str) -> String {
 }
 
 impl IngestReport {
+    /// The recordings that were kept in `folder`.
+    ///
+    /// # Errors
+    /// When one is missing or damaged.
+    pub(crate) fn load(&self, folder: &Path, terminal: &Terminal) -> Result<Vec<Recording>> {
+        let work = terminal.work("recordings", self.recordings.len() as u64, "files");
+        let mut recordings = Vec::with_capacity(self.recordings.len());
+        for (done, kept) in self.recordings.iter().enumerate() {
+            stop::check()?;
+            work.at(done as u64, "");
+            recordings.push(Recording::load(&folder.join(&kept.file))?);
+        }
+        Ok(recordings)
+    }
+
     /// The table for people.
     pub(crate) fn text(&self) -> String {
         let mut table = Table::new();

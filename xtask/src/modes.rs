@@ -1,39 +1,52 @@
 //! The split, and the intention modes of its training part.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use anyhow::Result;
-use gnp_data::{Part, Split, SplitKind, WindowSet, overlaps};
+use gnp_data::{Overlap, Part, Recording, Split, SplitKind, WindowSet, overlaps};
 use gnp_model::Seen;
 use gnp_modes::fit;
 
-use crate::session::{Session, features};
+use crate::config::RunConfig;
+use crate::session::Session;
 use crate::stop;
+use crate::terminal::Terminal;
 
-/// Parts the windows, finds the modes, writes `split.json` and `modes.safetensors`; returns the
-/// split's hash.
+/// Parts the windows of all recordings, writes `split.json` to `folder`; returns the split's hash.
 ///
 /// # Errors
-/// When a part would be left without windows, or there are fewer different futures than modes.
-pub(crate) fn run(session: &Session) -> Result<String> {
-    let set = session.windows()?;
-    let overlaps = overlaps(set.recordings());
-    let split = Split::new(&set, &session.config.split, &overlaps)?;
-    split.save(&set, &session.folder.path("split.json"))?;
-    let terminal = session.terminal();
+/// When a part would be left without windows, or the same vehicle at the same time would stand in two.
+pub(crate) fn part(recordings: &[Recording], config: &RunConfig, folder: &Path, terminal: &Terminal) -> Result<String> {
+    let (set, _) = WindowSet::cut(recordings, &config.windows)?;
+    let overlaps = overlaps(recordings);
+    let split = Split::new(&set, &config.split, &overlaps)?;
+    split.save(&set, &folder.join("split.json"))?;
     terminal.note(&summary(&set, &split));
     for overlap in &overlaps {
-        terminal.note(&format!(
-            "split: {} and {} show {} of the same vehicles",
-            overlap.first, overlap.second, overlap.vehicles
-        ));
+        let Overlap { first, second, vehicles, .. } = overlap;
+        terminal.note(&format!("split: {first} and {second} show {vehicles} of the same vehicles"));
     }
     if split.leaks() {
         terminal
             .note("split: it leaks, the same vehicle at the same time stands in several parts; scores are too good");
     }
+    Ok(split.hash().to_owned())
+}
+
+/// Finds the modes of the training part and writes `modes.safetensors`; parts the windows first
+/// unless they are.
+///
+/// # Errors
+/// Those of [`part`]; when there are fewer different futures than modes.
+pub(crate) fn run(session: &mut Session) -> Result<()> {
+    if session.folder.state.split_hash.is_empty() {
+        let hash = part(session.recordings()?, &session.config, session.folder.root(), session.terminal())?;
+        session.folder.state.split_hash = hash;
+    }
     stop::check()?;
-    let features = features(&session.config, &set, &split)?;
+    let set = session.windows()?;
+    let (split, features) = session.parted(&set)?;
     let mut futures = Vec::with_capacity(split.train().len() * 2 * set.shape().predicted);
     for window in split.train().iter().filter_map(|id| set.get(*id)) {
         futures.extend(features.future(&Seen::recorded(window.observation()), &window));
@@ -43,12 +56,12 @@ pub(crate) fn run(session: &Session) -> Result<String> {
     let (most, least) = (modes.sizes.first().copied().unwrap_or(0), modes.sizes.last().copied().unwrap_or(0));
     let windows = split.train().len();
     let rms = (modes.inertia / (windows * set.shape().predicted).max(1) as f64).sqrt();
-    terminal.note(&format!(
+    session.terminal().note(&format!(
         "modes: {} of {windows} futures, {least} to {most} in each, {rms:.2} m root mean square to the nearest{}",
         modes.len(),
         if modes.converged { "" } else { "; not converged, more modes.max_iterations would improve them" }
     ));
-    Ok(split.hash().to_owned())
+    Ok(())
 }
 
 fn summary(set: &WindowSet<'_>, split: &Split) -> String {

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
+use gnp_data::Recording;
 use gnp_model::Part;
 
 use crate::cli::{MachineArgs, RunArgs, StageArgs};
@@ -20,7 +21,7 @@ use crate::{evaluate, ingest, memory, modes, project, source, training};
 /// The first stage's that fails.
 pub(crate) fn run(run: &RunArgs, machine: &MachineArgs) -> Result<()> {
     let started = Instant::now();
-    let mut session = begin(run, machine)?;
+    let mut session = begin(run, machine, true)?;
     for stage in Stage::ALL {
         perform(&mut session, stage)?;
     }
@@ -38,7 +39,7 @@ pub(crate) fn run(run: &RunArgs, machine: &MachineArgs) -> Result<()> {
 /// # Errors
 /// What is wrong with the recordings.
 pub(crate) fn ingest_only(run: &RunArgs, machine: &MachineArgs) -> Result<()> {
-    let session = begin(run, machine)?;
+    let session = begin(run, machine, false)?;
     let root = session.folder.root().display();
     session.terminal().note(&format!("{root} is ready; next: cargo xtask modes --run {root}"));
     Ok(())
@@ -59,8 +60,9 @@ pub(crate) fn one_stage(args: &StageArgs, stage: Stage) -> Result<()> {
     perform(&mut session, stage)
 }
 
-/// Opens the run folder that the command line names, or starts it with ingest.
-fn begin(run: &RunArgs, machine: &MachineArgs) -> Result<Session> {
+/// Opens the run folder that the command line names, or starts it with ingest; with `part` also the
+/// split, so that recordings that cannot be split leave nothing behind.
+fn begin(run: &RunArgs, machine: &MachineArgs, part: bool) -> Result<Session> {
     let resumed = match &run.out {
         Some(out) if run.resume && occupied(out)? => Some(out.clone()),
         _ => None,
@@ -77,7 +79,7 @@ fn begin(run: &RunArgs, machine: &MachineArgs) -> Result<Session> {
     }
     let (config, name) = RunConfig::resolve(run)?;
     let root = run.out.clone().unwrap_or_else(|| default_out(&name));
-    start(run, config, Machine::start(machine)?, &root)
+    start(run, config, Machine::start(machine)?, &root, part)
 }
 
 fn default_out(name: &str) -> PathBuf {
@@ -103,19 +105,29 @@ fn resume(run: &RunArgs, machine: &MachineArgs, root: &Path) -> Result<Session> 
 }
 
 /// Ingests into a new run folder, which appears when everything is read.
-fn start(run: &RunArgs, config: RunConfig, machine: Machine, root: &Path) -> Result<Session> {
+fn start(run: &RunArgs, config: RunConfig, machine: Machine, root: &Path, part: bool) -> Result<Session> {
     let draft = Draft::start(root, "go on with it by --resume, or take another --out")?;
     let found = source::find(&config, run.data_dir.as_deref())?;
-    machine.terminal.result(&format!("Data: {}", found.data.words));
+    let terminal = &machine.terminal;
+    terminal.result(&format!("Data: {}", found.data.words));
     let started = Instant::now();
-    let ingested = ingest::run(found, &config, draft.path(), &machine.terminal);
-    let report = ingested
+    let filled = || -> Result<(RunState, Option<Vec<Recording>>)> {
+        let report = ingest::run(found, &config, draft.path(), terminal)?;
+        write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
+        // Only the split needs all recordings at once.
+        let recordings = if part { Some(report.load(draft.path(), terminal)?) } else { None };
+        let mut state = RunState::new(config.seed, report.data);
+        if let Some(recordings) = &recordings {
+            state.split_hash = modes::part(recordings, &config, draft.path(), terminal)?;
+        }
+        Ok((state, recordings))
+    };
+    let (state, recordings) = filled()
         .map_err(|error| if error.is::<Interrupted>() { error.context("nothing was written") } else { error })?;
-    write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
-    write_state(draft.path(), &RunState::new(config.seed, report.data))?;
+    write_state(draft.path(), &state)?;
     let mut folder = RunFolder::open(&draft.publish()?)?;
     folder.finish(Stage::Ingest, started.elapsed().as_secs_f64())?;
-    Ok(Session::new(folder, config, machine))
+    Ok(Session::new(folder, config, machine).with_recordings(recordings))
 }
 
 fn say_data(session: &Session) {
@@ -136,21 +148,18 @@ fn perform(session: &mut Session, stage: Stage) -> Result<()> {
     let root = session.folder.root().display().to_string();
     let done = match stage {
         Stage::Ingest => bail!("{root} has no recordings; start a new run with `cargo xtask ingest`"),
-        Stage::Modes => modes::run(session).map(Some),
-        Stage::Goal => training::run(session, Part::Goal).map(|()| None),
-        Stage::Attraction => training::run(session, Part::Attraction).map(|()| None),
-        Stage::Repulsion => training::run(session, Part::Repulsion).map(|()| None),
-        Stage::Evaluate => evaluate::run(session).map(|()| None),
+        Stage::Modes => modes::run(session),
+        Stage::Goal => training::run(session, Part::Goal),
+        Stage::Attraction => training::run(session, Part::Attraction),
+        Stage::Repulsion => training::run(session, Part::Repulsion),
+        Stage::Evaluate => evaluate::run(session),
     };
-    let done = match done {
-        Err(error) if error.is::<Interrupted>() => {
-            let go_on = format!("what is done is kept; go on with `cargo xtask pipeline --resume --out {root}`");
-            return Err(error.context(go_on));
+    done.map_err(|error| {
+        if error.is::<Interrupted>() {
+            error.context(format!("what is done is kept; go on with `cargo xtask pipeline --resume --out {root}`"))
+        } else {
+            error.context(format!("{name} failed"))
         }
-        other => other.with_context(|| format!("{name} failed"))?,
-    };
-    if let Some(split_hash) = done {
-        session.folder.state.split_hash = split_hash;
-    }
+    })?;
     session.folder.finish(stage, started.elapsed().as_secs_f64())
 }

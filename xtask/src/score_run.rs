@@ -3,7 +3,7 @@
 use std::fs;
 
 use anyhow::{Context as _, Result};
-use gnp_data::{Recording, Split, WindowSet};
+use gnp_data::{Split, WindowSet};
 use serde::Serialize;
 
 use crate::cli::EvalArgs;
@@ -39,8 +39,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
     let found = source::find(&session.config, Some(&args.data_dir))?;
     session.terminal().result(&format!("Data: {}", found.data.words));
     let report = ingest::run(found, &session.config, draft.path(), session.terminal())?;
-    let kept = report.recordings.iter().map(|kept| Recording::load(&draft.path().join(&kept.file)));
-    let recordings = kept.collect::<Result<Vec<_>, _>>()?;
+    let recordings = report.load(draft.path(), session.terminal())?;
     let (set, _) = WindowSet::cut(&recordings, &session.config.windows)?;
     let split = Split::all_test(&set);
     let scoring = Scoring {

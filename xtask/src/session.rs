@@ -76,6 +76,12 @@ impl Session {
         &self.machine.terminal
     }
 
+    /// The same with recordings that are in memory already.
+    #[must_use]
+    pub(crate) fn with_recordings(self, recordings: Option<Vec<Recording>>) -> Self {
+        Self { recordings: recordings.map_or_else(OnceCell::new, OnceCell::from), ..self }
+    }
+
     /// The recordings that ingest kept, read once.
     ///
     /// # Errors
@@ -85,13 +91,7 @@ impl Session {
             return Ok(recordings);
         }
         let report: IngestReport = self.folder.read_json("ingest.json")?;
-        let work = self.terminal().work("recordings", report.recordings.len() as u64, "files");
-        let mut recordings = Vec::with_capacity(report.recordings.len());
-        for (done, kept) in report.recordings.iter().enumerate() {
-            stop::check()?;
-            work.at(done as u64, "");
-            recordings.push(Recording::load(&self.folder.path(&kept.file))?);
-        }
+        let recordings = report.load(self.folder.root(), self.terminal())?;
         Ok(self.recordings.get_or_init(|| recordings))
     }
 
@@ -113,16 +113,8 @@ impl Session {
         if split.hash() != self.folder.state.split_hash {
             bail!("{} is not the split of this run; start a new run", path.display());
         }
-        let features = features(&self.config, set, &split)?;
+        let training = split.train().iter().filter_map(|id| set.get(*id)).map(|window| window.observation());
+        let features = Features::fit(&self.config.features, set.shape(), training)?;
         Ok((split, features))
     }
-}
-
-/// Features with the statistics of the training part.
-///
-/// # Errors
-/// When the configuration does not suit the windows.
-pub(crate) fn features(config: &RunConfig, set: &WindowSet<'_>, split: &Split) -> Result<Features> {
-    let training = split.train().iter().filter_map(|id| set.get(*id)).map(|window| window.observation());
-    Ok(Features::fit(&config.features, set.shape(), training)?)
 }

@@ -101,10 +101,15 @@ fn a_negative_size() {
 }
 
 #[test]
-fn metres_where_feet_are_due_and_the_other_way_round() {
-    let inches = scene_with(2, |fields| field(11, "400.0")(fields));
-    ngsim(inches).badly(&["scene.csv", "v_vel"]);
-    highd(same, |text| text.replace(",4.6,", ",46.0,")).badly(&["01_tracks"]);
+fn feet_where_metres_are_due_and_the_other_way_round() {
+    ngsim(scene_with(2, field(11, "400.0"))).badly(&["scene.csv", "v_vel"]);
+    highd(|text| text.replace("3.00;6.80;10.60", "9.84;22.31;34.78"), same)
+        .badly(&["01_recordingMeta.csv", "upperLaneMarkings"]);
+}
+
+#[test]
+fn recordings_that_cannot_be_split() {
+    highd(same, same).badly(&["split by recording", "split by vehicle"]);
 }
 
 #[test]
