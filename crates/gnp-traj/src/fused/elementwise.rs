@@ -3,6 +3,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
+use super::aligned::LINE;
 use super::matmul::{Rows, RowsMut};
 
 /// `exp(x)` to 2e-7, for `x` between -87 and 88; beyond, the value at the nearer end.
@@ -62,22 +63,36 @@ impl WithSimd for LstmStep<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let n = self.hidden;
         for row in 0..self.count {
-            let (input, rest) = self.gates[4 * n * row..][..4 * n].split_at_mut(n);
-            let (forget, rest) = rest.split_at_mut(n);
-            let (fresh, output) = rest.split_at_mut(n);
-            let (forget, fresh, output) = (&mut forget[..n], &mut fresh[..n], &mut output[..n]);
+            let gates = &mut self.gates[4 * n * row..][..4 * n];
             let cell = &mut self.cell[n * row..][..n];
             let h = &mut self.h.data[self.h.stride * row..][..n];
-            for j in 0..n {
-                input[j] = sigmoid(input[j]);
-                forget[j] = sigmoid(forget[j]);
-                fresh[j] = tanh(fresh[j]);
-                output[j] = sigmoid(output[j]);
-                cell[j] = forget[j] * cell[j] + input[j] * fresh[j];
-                h[j] = output[j] * tanh(cell[j]);
+            for j in (0..n).step_by(LINE) {
+                let [mut i, mut f, mut g, mut o] = [0, 1, 2, 3].map(|gate| line(gates, gate * n + j));
+                let (mut c, mut y) = (line(cell, j), [0.; LINE]);
+                for l in 0..LINE {
+                    i[l] = sigmoid(i[l]);
+                    f[l] = sigmoid(f[l]);
+                    g[l] = tanh(g[l]);
+                    o[l] = sigmoid(o[l]);
+                    c[l] = f[l] * c[l] + i[l] * g[l];
+                    y[l] = o[l] * tanh(c[l]);
+                }
+                for (gate, values) in [i, f, g, o].iter().enumerate() {
+                    gates[gate * n + j..][..LINE].copy_from_slice(values);
+                }
+                cell[j..][..LINE].copy_from_slice(&c);
+                h[j..][..LINE].copy_from_slice(&y);
             }
         }
     }
+}
+
+/// A cache line of values by themselves, which cannot overlap with others that are written.
+#[inline(always)]
+fn line(values: &[f32], at: usize) -> [f32; LINE] {
+    let mut line = [0.; LINE];
+    line.copy_from_slice(&values[at..at + LINE]);
+    line
 }
 
 /// The adjoint of [`lstm`].
@@ -114,22 +129,27 @@ impl WithSimd for LstmAdjoint<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let n = self.hidden;
         for row in 0..self.count {
-            let (input, rest) = self.gates[4 * n * row..][..4 * n].split_at_mut(n);
-            let (forget, rest) = rest.split_at_mut(n);
-            let (fresh, output) = rest.split_at_mut(n);
-            let (forget, fresh, output) = (&mut forget[..n], &mut fresh[..n], &mut output[..n]);
+            let gates = &mut self.gates[4 * n * row..][..4 * n];
             let (before, after) = (&self.before[n * row..][..n], &self.after[n * row..][..n]);
             let dh = &self.dh.data[self.dh.stride * row..][..n];
             let dcell = &mut self.dcell[n * row..][..n];
-            for j in 0..n {
-                let bent = tanh(after[j]);
-                let dc = dcell[j] + dh[j] * output[j] * (1. - bent * bent);
-                let (i, f, g, o) = (input[j], forget[j], fresh[j], output[j]);
-                input[j] = dc * g * i * (1. - i);
-                forget[j] = dc * before[j] * f * (1. - f);
-                fresh[j] = dc * i * (1. - g * g);
-                output[j] = dh[j] * bent * o * (1. - o);
-                dcell[j] = dc * f;
+            for j in (0..n).step_by(LINE) {
+                let [mut i, mut f, mut g, mut o] = [0, 1, 2, 3].map(|gate| line(gates, gate * n + j));
+                let (before, after, dh, mut dc) = (line(before, j), line(after, j), line(dh, j), line(dcell, j));
+                for l in 0..LINE {
+                    let bent = tanh(after[l]);
+                    let d = dc[l] + dh[l] * o[l] * (1. - bent * bent);
+                    dc[l] = d * f[l];
+                    o[l] = dh[l] * bent * o[l] * (1. - o[l]);
+                    f[l] = d * before[l] * f[l] * (1. - f[l]);
+                    let (input, fresh) = (i[l], g[l]);
+                    i[l] = d * fresh * input * (1. - input);
+                    g[l] = d * input * (1. - fresh * fresh);
+                }
+                for (gate, values) in [i, f, g, o].iter().enumerate() {
+                    gates[gate * n + j..][..LINE].copy_from_slice(values);
+                }
+                dcell[j..][..LINE].copy_from_slice(&dc);
             }
         }
     }

@@ -142,7 +142,7 @@ impl Product<'_> {
         let weights = &self.weights.data[column * depth..(column + V * S::F32_LANES) * depth];
         let weights = S::as_simd_f32s(weights).0;
         // As many rows as leave registers for the weights and one value of `x`.
-        let tile = if size_of::<S::f32s>() == 64 { 12 } else { 6 };
+        let tile = if size_of::<S::f32s>() == 64 { 8 } else { 6 };
         let mut row = 0;
         while row < self.count {
             let left = self.count - row;
@@ -177,21 +177,13 @@ impl Product<'_> {
         let y_stride = self.y.stride;
         let place = |r: usize| (row + r) * y_stride + column;
         let x: [&[f32]; R] = std::array::from_fn(|r| &self.x.data[(row + r) * self.x.stride..][..depth]);
-        let mut sums = [[simd.splat_f32s(0.); V]; R];
-        match self.start {
-            Start::Zero => {}
-            Start::Bias(bias) => {
-                let bias = S::as_simd_f32s(&bias[column..][..V * S::F32_LANES]).0;
-                for sums in &mut sums {
-                    sums.copy_from_slice(bias);
-                }
-            }
-            Start::Sum => {
-                for (r, sums) in sums.iter_mut().enumerate() {
-                    sums.copy_from_slice(S::as_simd_f32s(&self.y.data[place(r)..][..V * S::F32_LANES]).0);
-                }
-            }
-        }
+        let zero = simd.splat_f32s(0.);
+        // Only ever indexed by constants, so that the sums stay in registers.
+        let mut sums: [[S::f32s; V]; R] = match self.start {
+            Start::Zero => [[zero; V]; R],
+            Start::Bias(bias) => [load::<S, V>(&bias[column..]); R],
+            Start::Sum => std::array::from_fn(|r| load::<S, V>(&self.y.data[place(r)..])),
+        };
         for (i, weights) in weights.chunks_exact(V).enumerate().take(depth) {
             let weights: [S::f32s; V] = std::array::from_fn(|v| weights[v]);
             for r in 0..R {
@@ -201,16 +193,22 @@ impl Product<'_> {
                 }
             }
         }
-        let zero = simd.splat_f32s(0.);
-        for (r, sums) in sums.iter().enumerate() {
+        for r in 0..R {
             let y = S::as_mut_simd_f32s(&mut self.y.data[place(r)..][..V * S::F32_LANES]).0;
             for v in 0..V {
                 // `max` would turn NaN into 0 and hide that a weight has gone bad.
-                let negative = simd.less_than_f32s(sums[v], zero);
-                y[v] = if self.relu { simd.select_f32s(negative, zero, sums[v]) } else { sums[v] };
+                let negative = simd.less_than_f32s(sums[r][v], zero);
+                y[v] = if self.relu { simd.select_f32s(negative, zero, sums[r][v]) } else { sums[r][v] };
             }
         }
     }
+}
+
+/// The first `V` vectors of `values`.
+#[inline(always)]
+fn load<S: Simd, const V: usize>(values: &[f32]) -> [S::f32s; V] {
+    let vectors = S::as_simd_f32s(&values[..V * S::F32_LANES]).0;
+    std::array::from_fn(|v| vectors[v])
 }
 
 struct OuterSum<'a> {
@@ -278,10 +276,8 @@ impl OuterSum<'_> {
         }
         let x = S::as_simd_f32s(&self.scratch.x[..count * width]).0;
         for (tile, dy) in self.scratch.dy.chunks_exact(count * R).enumerate().take(self.bias.len() / R) {
-            let mut sums = [[simd.splat_f32s(0.); V]; R];
-            for (r, sums) in sums.iter_mut().enumerate() {
-                sums.copy_from_slice(S::as_simd_f32s(&self.sum[(tile * R + r) * self.inputs + column..][..width]).0);
-            }
+            let place = |r: usize| (tile * R + r) * self.inputs + column;
+            let mut sums: [[S::f32s; V]; R] = std::array::from_fn(|r| load::<S, V>(&self.sum[place(r)..]));
             for (x, dy) in x.chunks_exact(V).zip(dy.as_chunks::<R>().0) {
                 let x: [S::f32s; V] = std::array::from_fn(|v| x[v]);
                 for r in 0..R {
@@ -291,12 +287,12 @@ impl OuterSum<'_> {
                     }
                 }
             }
-            for (r, sums) in sums.iter().enumerate() {
-                S::as_mut_simd_f32s(&mut self.sum[(tile * R + r) * self.inputs + column..][..width])
-                    .0
-                    .copy_from_slice(sums);
+            for r in 0..R {
+                let sum = S::as_mut_simd_f32s(&mut self.sum[place(r)..][..width]).0;
+                for v in 0..V {
+                    sum[v] = sums[r][v];
+                }
             }
         }
     }
 }
-
