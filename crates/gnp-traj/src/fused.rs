@@ -31,7 +31,7 @@ use candle_core::{CpuStorage, CustomOp1, Device, Layout as Strides, Result, Shap
 use rayon::prelude::*;
 
 use self::aligned::Pool;
-use self::batch::Batch;
+use self::batch::{Batch, Chunk};
 use self::forward::{Outcome, Record, Tape};
 use self::layout::{Gradient, Net, Packed};
 use crate::scene::Sizes;
@@ -43,16 +43,20 @@ pub(crate) use self::layout::Layout;
 /// before they go backward. Also what waits for the next batch at most.
 const TAPE_VALUES: usize = 1 << 28;
 
+/// Chunks whose weight gradients exist at a time.
+const GROUP: usize = 16;
+
 /// What a network keeps from one roll-out to the next: the layout of its weights and idle memory.
 #[derive(Clone, Debug)]
 pub(crate) struct Fused {
     layout: Arc<Layout>,
     pool: Arc<Pool>,
+    tape_values: usize,
 }
 
 impl Fused {
     pub(crate) fn new(cfg: &TrajConfig) -> Self {
-        Self { layout: Arc::new(Layout::new(cfg)), pool: Arc::default() }
+        Self { layout: Arc::new(Layout::new(cfg)), pool: Arc::default(), tape_values: TAPE_VALUES }
     }
 
     /// Names and shapes of the weights in the order of the flat vector.
@@ -98,7 +102,7 @@ impl Fused {
             .par_iter()
             .map(|chunk| {
                 let (outcome, tape) = forward::roll_out(chunk, &net, &self.pool, false, true);
-                tape.recycle(&self.pool, TAPE_VALUES);
+                tape.recycle(&self.pool, self.tape_values);
                 outcome
             })
             .collect();
@@ -108,7 +112,8 @@ impl Fused {
 
 /// The parts of all chunks as tensors.
 fn explained(outcomes: Vec<Outcome>, sizes: Sizes, steps: usize) -> Result<RollOut> {
-    let (paths, records): (Vec<_>, Vec<_>) = outcomes.into_iter().map(|o| (o.path, o.record.unwrap_or_default())).unzip();
+    let (paths, records): (Vec<_>, Vec<_>) =
+        outcomes.into_iter().map(|o| (o.path, o.record.unwrap_or_default())).unzip();
     let tensor = |values: Vec<f32>, inner: &[usize]| {
         let shape = [&[sizes.batch, sizes.goals, steps], inner].concat();
         Tensor::from_vec(values, shape, &Device::Cpu)
@@ -152,6 +157,17 @@ impl Operation {
     fn memory(&self) -> MutexGuard<'_, Memory> {
         self.memory.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// The weight gradients of one chunk for the gradient `dpath` of the whole path.
+    fn undo(&self, chunk: &Chunk<'_>, net: &Net<Packed>, tape: Option<Tape>, dpath: &[f32]) -> Net<Gradient> {
+        let (pool, width) = (&self.fused.pool, self.batch.sizes.goals * self.batch.steps * 2);
+        let mut tape = tape.unwrap_or_else(|| forward::roll_out(chunk, net, pool, true, false).1);
+        let mut gradient = self.fused.layout.maps.map(Gradient::zeros);
+        let dpath = &dpath[chunk.windows.start * width..chunk.windows.end * width];
+        backward::adjoint(chunk, net, &mut tape, dpath, &mut gradient);
+        tape.recycle(pool, self.fused.tape_values);
+        gradient
+    }
 }
 
 impl CustomOp1 for Operation {
@@ -164,7 +180,7 @@ impl CustomOp1 for Operation {
         let flat = &storage.as_slice::<f32>()?[start..end];
         let net = Arc::new(self.fused.layout.maps.map(|dense| Packed::new(dense, flat)));
         let chunks = self.batch.chunks();
-        let room = TAPE_VALUES / self.batch.tape_values(&net).max(1);
+        let room = self.fused.tape_values / self.batch.tape_values(&net).max(1);
         let done: Vec<(Vec<f32>, Option<Tape>)> = chunks
             .par_iter()
             .enumerate()
@@ -174,7 +190,7 @@ impl CustomOp1 for Operation {
                 if keep {
                     return (outcome.path, Some(tape));
                 }
-                tape.recycle(&self.fused.pool, TAPE_VALUES);
+                tape.recycle(&self.fused.pool, self.fused.tape_values);
                 (outcome.path, None)
             })
             .collect();
@@ -193,26 +209,64 @@ impl CustomOp1 for Operation {
             candle_core::bail!("a roll-out passes its gradient back once; roll out again before the next backward pass")
         };
         let dpath = dpath.flatten_all()?.to_vec1::<f32>()?;
-        let width = self.batch.sizes.goals * self.batch.steps * 2;
-        let work: Vec<_> = self.batch.chunks().into_iter().zip(tapes).collect();
-        let gradients: Vec<Net<Gradient>> = work
-            .into_par_iter()
-            .map(|(chunk, tape)| {
-                let pool = &self.fused.pool;
-                let mut tape = tape.unwrap_or_else(|| forward::roll_out(&chunk, &net, pool, true, false).1);
-                let mut gradient = self.fused.layout.maps.map(Gradient::zeros);
-                let dpath = &dpath[chunk.windows.start * width..chunk.windows.end * width];
-                backward::adjoint(&chunk, &net, &mut tape, dpath, &mut gradient);
-                tape.recycle(pool, TAPE_VALUES);
-                gradient
-            })
-            .collect();
+        let mut work: Vec<_> = self.batch.chunks().into_iter().zip(tapes).collect();
         let mut sum = vec![0.; flat.elem_count()];
-        for gradient in &gradients {
-            for (gradient, dense) in gradient.iter().zip(self.fused.layout.maps.iter()) {
-                gradient.add_to(dense, &mut sum);
+        while !work.is_empty() {
+            let group: Vec<_> = work.drain(..GROUP.min(work.len())).collect();
+            let gradients: Vec<Net<Gradient>> =
+                group.into_par_iter().map(|(chunk, tape)| self.undo(&chunk, &net, tape, &dpath)).collect();
+            for gradient in &gradients {
+                for (gradient, dense) in gradient.iter().zip(self.fused.layout.maps.iter()) {
+                    gradient.add_to(dense, &mut sum);
+                }
             }
         }
         Tensor::from_vec(sum, flat.shape(), flat.device()).map(Some)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{NeighbourStates, Neighbours};
+    use candle_core::{DType, Var};
+
+    #[test]
+    fn chunks_without_a_tape_give_the_same_gradient() -> std::result::Result<(), Box<dyn std::error::Error>> {
+        let cfg =
+            TrajConfig { hidden: 6, embedding: 5, encoder: vec![7], decoder: vec![9, 8], ..TrajConfig::published() };
+        let wave = |shape: &[usize]| -> Result<Tensor> {
+            let values: Vec<f32> = (0..shape.iter().product()).map(|i: usize| (i as f32 * 0.7).sin()).collect();
+            Tensor::from_vec(values, shape, &Device::Cpu)
+        };
+        let scene = Scene {
+            observed: wave(&[40, 3, 4])?,
+            goals: wave(&[40, 1, 2])?,
+            neighbours: Some(Neighbours {
+                states: NeighbourStates::Given(wave(&[40, 6, 2, 4])?),
+                present: Tensor::ones((40, 2), DType::F32, &Device::Cpu)?,
+            }),
+            lines: None,
+            dt: 0.1,
+            steps: 6,
+        };
+        let sizes = scene.check(&cfg, Phase::Full)?;
+        let mut fused = Fused::new(&cfg);
+        let weights: Vec<Var> =
+            fused.names().iter().map(|(_, shape)| Var::from_tensor(&wave(shape)?)).collect::<Result<_>>()?;
+        let tensors: Vec<Tensor> = weights.iter().map(|weight| weight.as_tensor().clone()).collect();
+        let mut gradients = |tape_values: usize| -> Result<Vec<Vec<f32>>> {
+            fused.tape_values = tape_values;
+            let grads = fused.path(&cfg, &tensors, &scene, sizes, Phase::Full)?.sqr()?.sum_all()?.backward()?;
+            let of = |weight: &Var| match grads.get(weight) {
+                Some(gradient) => gradient.flatten_all()?.to_vec1(),
+                None => Ok(Vec::new()),
+            };
+            weights.iter().map(of).collect()
+        };
+        let kept = gradients(TAPE_VALUES)?;
+        assert!(kept.iter().all(|gradient| gradient.iter().any(|&v| v != 0.)));
+        assert_eq!(gradients(0)?, kept);
+        Ok(())
     }
 }

@@ -238,20 +238,3 @@ impl Record {
         })
     }
 }
-
-impl RollOut {
-    /// The same values without a gradient.
-    pub(crate) fn detach(self) -> Self {
-        let part = |x: Option<Tensor>| x.map(|x| x.detach());
-        Self {
-            path: self.path.detach(),
-            velocity: self.velocity.detach(),
-            goal_force: self.goal_force.detach(),
-            tau: self.tau.detach(),
-            neighbour_forces: part(self.neighbour_forces),
-            k: part(self.k),
-            line_forces: part(self.line_forces),
-            k_line: part(self.k_line),
-        }
-    }
-}

@@ -127,6 +127,14 @@ impl SocialForce {
         })
     }
 
+    /// [`SocialForce::roll_out`] without a gradient, for which nothing is kept.
+    ///
+    /// # Errors
+    /// As [`SocialForce::roll_out`].
+    pub fn predict(&self, scene: &Scene, phase: Phase) -> Result<Tensor, TrajError> {
+        self.detached()?.roll_out(scene, phase)
+    }
+
     /// The roll-out with its forces and their parameters, without a gradient.
     ///
     /// # Errors
@@ -143,7 +151,7 @@ impl SocialForce {
         let sizes = self.check(engine, scene, phase)?;
         Ok(match engine {
             Engine::Fused => self.fused.explain(&self.cfg, &self.weights, scene, sizes, phase)?,
-            Engine::Graph => graph::roll_out(self, scene, sizes, phase)?.detach(),
+            Engine::Graph => graph::roll_out(&self.detached()?, scene, sizes, phase)?,
         })
     }
 
@@ -151,6 +159,14 @@ impl SocialForce {
     #[must_use]
     pub fn engine(&self, scene: &Scene, phase: Phase) -> Engine {
         if self.fusible(scene, phase) { Engine::Fused } else { Engine::Graph }
+    }
+
+    /// The same networks on weights that ask for no gradient.
+    fn detached(&self) -> Result<Self, TrajError> {
+        let named = self.fused.names().iter().zip(&self.weights);
+        let weights = named.map(|((name, _), weight)| (name.clone(), weight.detach())).collect();
+        let vb = VarBuilder::from_tensors(weights, self.weights[0].dtype(), self.weights[0].device());
+        Ok(Self { fused: self.fused.clone(), ..Self::new(&self.cfg, vb)? })
     }
 
     fn fusible(&self, scene: &Scene, phase: Phase) -> bool {

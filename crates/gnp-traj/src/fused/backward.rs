@@ -15,7 +15,13 @@ use crate::Integrator;
 
 /// Adds the weight gradients for the gradient `dpath` `[rows, steps, 2]` of the path of a chunk, which
 /// `tape` remembers; the tape is used up.
-pub(crate) fn adjoint(chunk: &Chunk<'_>, net: &Net<Packed>, tape: &mut Tape, dpath: &[f32], gradient: &mut Net<Gradient>) {
+pub(crate) fn adjoint(
+    chunk: &Chunk<'_>,
+    net: &Net<Packed>,
+    tape: &mut Tape,
+    dpath: &[f32],
+    gradient: &mut Net<Gradient>,
+) {
     let mut back = Back::new(chunk, net, tape);
     for step in (0..chunk.batch.steps).rev() {
         let run = step / chunk.batch.period;
@@ -182,7 +188,8 @@ impl<'a, 'b> Back<'a, 'b> {
             add(&mut self.dcodes[taken * width..][..width], &dinput[width..]);
         }
         neighbour_features(chunk, step, &mut self.features[..taken * LINE]);
-        let (features, dcodes) = (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dcodes, stride: width });
+        let (features, dcodes) =
+            (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dcodes, stride: width });
         let (work, sums) = (&mut self.encoders[0], &mut gradient.enc_nei);
         mlp::adjoint_alone(&net.enc_nei, work, taken, features, dcodes, None, sums, &mut self.scratch);
     }
@@ -199,7 +206,8 @@ impl<'a, 'b> Back<'a, 'b> {
             dcode.copy_from_slice(&dinput[width..]);
         }
         line_features(chunk, tape.motion.at(step), &mut self.features[..felt.len() * LINE]);
-        let (features, dcodes) = (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dcodes, stride: width });
+        let (features, dcodes) =
+            (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dcodes, stride: width });
         let dfeatures = RowsMut { data: &mut self.dfeatures, stride: LINE };
         let (work, sums) = (&mut self.encoders[1], &mut gradient.enc_line);
         mlp::adjoint_alone(&net.enc_line, work, felt.len(), features, dcodes, Some(dfeatures), sums, &mut self.scratch);
@@ -221,7 +229,8 @@ impl<'a, 'b> Back<'a, 'b> {
         }
         if self.tau.is_some() {
             let mut work = Workspace::adjoint(&net.enc_goal, 2 * BLOCK);
-            let (goals, dgoal) = (Rows { data: &tape.goals, stride: LINE }, Rows { data: &self.dgoal, stride: self.width });
+            let (goals, dgoal) =
+                (Rows { data: &tape.goals, stride: LINE }, Rows { data: &self.dgoal, stride: self.width });
             let (rows, sums) = (self.chunk.rows(), &mut gradient.enc_goal);
             mlp::adjoint_alone(&net.enc_goal, &mut work, rows, goals, dgoal, None, sums, &mut self.scratch);
         }

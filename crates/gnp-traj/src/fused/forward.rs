@@ -110,7 +110,13 @@ pub(crate) fn trained(phase: Phase, front: usize) -> bool {
 }
 
 /// Rolls the chunk out; the tape is whole only if it is to be kept.
-pub(crate) fn roll_out(chunk: &Chunk<'_>, net: &Net<Packed>, pool: &Pool, keep: bool, explain: bool) -> (Outcome, Tape) {
+pub(crate) fn roll_out(
+    chunk: &Chunk<'_>,
+    net: &Net<Packed>,
+    pool: &Pool,
+    keep: bool,
+    explain: bool,
+) -> (Outcome, Tape) {
     let mut tape = Tape::new(chunk, net, pool, keep);
     observe(chunk, net, &mut tape);
     let outcome = Drive::new(chunk, net, &mut tape, explain).run();
@@ -324,7 +330,8 @@ impl<'a, 'b> Drive<'a, 'b> {
             }
         }
         self.tape.motion.carry(step);
-        for ((row, force), state) in forces.iter().enumerate().zip(self.tape.motion.at_mut(step + 1).as_chunks_mut().0) {
+        for ((row, force), state) in forces.iter().enumerate().zip(self.tape.motion.at_mut(step + 1).as_chunks_mut().0)
+        {
             let [x, y, vx, vy] = state;
             let faster = [*vx + force.x * dt, *vy + force.y * dt];
             let moving = match batch.integrator {

@@ -38,7 +38,8 @@ impl HeadTape {
 
     /// Runs the head on the input of `run`.
     pub(crate) fn forward(&mut self, layers: &[Packed], run: usize, work: &mut HeadWork) {
-        let Some(((outer, inner), last)) = layers.split_last().and_then(|(last, rest)| Some((rest.split_first()?, last)))
+        let Some(((outer, inner), last)) =
+            layers.split_last().and_then(|(last, rest)| Some((rest.split_first()?, last)))
         else {
             return;
         };

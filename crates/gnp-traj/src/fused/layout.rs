@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::aligned::padded;
-use super::matmul::{Panels, Scratch, Rows, outer_sum};
+use super::matmul::{Panels, Rows, Scratch, outer_sum};
 use crate::{Phase, TrajConfig};
 
 /// One `T` for every affine map of both networks.

@@ -165,6 +165,7 @@ impl Product<'_> {
     }
 
     /// `R` rows of one panel.
+    #[expect(clippy::needless_range_loop, reason = "sums that are indexed by constants alone stay in registers")]
     #[inline(always)]
     fn tile<S: Simd, const R: usize, const V: usize>(
         &mut self,
@@ -262,14 +263,13 @@ impl OuterSum<'_> {
         }
     }
 
+    #[expect(
+        clippy::needless_range_loop,
+        clippy::manual_memcpy,
+        reason = "sums that are indexed by constants alone stay in registers"
+    )]
     #[inline(always)]
-    fn panel<S: Simd, const R: usize, const V: usize>(
-        &mut self,
-        simd: S,
-        first: usize,
-        count: usize,
-        column: usize,
-    ) {
+    fn panel<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, first: usize, count: usize, column: usize) {
         let width = V * S::F32_LANES;
         for (t, packed) in self.scratch.x.chunks_exact_mut(width).enumerate().take(count) {
             packed.copy_from_slice(&self.x.data[(first + t) * self.x.stride + column..][..width]);

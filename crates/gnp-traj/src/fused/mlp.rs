@@ -90,7 +90,8 @@ pub(crate) fn adjoint(
         let gradient = &mut before[i - 1][at * width..];
         let delta = rows_of(&after[0], layers, i, at);
         product(count, delta, &layers[i].backward, Start::Zero, false, RowsMut { data: gradient, stride: width });
-        let value = if i == 1 || kept.is_empty() { rows_of(&work.values[i - 1], layers, i - 1, at) } else { kept[i - 2] };
+        let value =
+            if i == 1 || kept.is_empty() { rows_of(&work.values[i - 1], layers, i - 1, at) } else { kept[i - 2] };
         relu_adjoint(count, width, value, RowsMut { data: gradient, stride: width });
     }
     if let Some(dx) = dx {
@@ -120,6 +121,7 @@ pub(crate) fn add_gradients(
 }
 
 /// Gradients of the weights for result gradients `dy`, with all values computed again, in blocks.
+#[expect(clippy::too_many_arguments, reason = "one pass touches everything once")]
 pub(crate) fn adjoint_alone(
     layers: &[Packed],
     work: &mut Workspace,

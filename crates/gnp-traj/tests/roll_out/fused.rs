@@ -121,7 +121,8 @@ fn one_thread_and_two_give_the_same_bits() -> Outcome {
     let on = |threads: usize| -> Result<_, Box<dyn std::error::Error>> {
         let network = network(&small(), 7)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-        pool.install(|| outcome(&network, Engine::Fused, &scene, Phase::Full).map_err(|e| e.to_string())).map_err(Into::into)
+        pool.install(|| outcome(&network, Engine::Fused, &scene, Phase::Full).map_err(|e| e.to_string()))
+            .map_err(Into::into)
     };
     assert_eq!(on(1)?, on(2)?);
     Ok(())
@@ -133,5 +134,15 @@ fn memory_that_was_used_before_does_not_show() -> Outcome {
     let first = outcome(&network, Engine::Fused, &scene(6, 1, 17)?, Phase::Full)?;
     outcome(&network, Engine::Fused, &scene(40, 2, 18)?, Phase::Full)?;
     assert_eq!(outcome(&network, Engine::Fused, &scene(6, 1, 17)?, Phase::Full)?, first);
+    Ok(())
+}
+
+#[test]
+fn predictions_are_the_path_without_a_gradient() -> Outcome {
+    let (network, weights) = network(&small(), 7)?;
+    let scene = scene(5, 2, 19)?;
+    let path = network.predict(&scene, Phase::Full)?;
+    assert_eq!(values(&path)?, values(&network.roll_out(&scene, Phase::Full)?)?);
+    assert!(gradients(&weights, &path.sum_all()?)?.iter().all(|(_, gradient)| gradient.is_none()));
     Ok(())
 }

@@ -5,7 +5,7 @@
 
 use candle_core::Device;
 use gnp_nn::Weights;
-use gnp_traj::{InputScale, NeighbourStates, Neighbours, Phase, Scene, SocialForce, TrajConfig};
+use gnp_traj::{Engine, InputScale, NeighbourStates, Neighbours, Phase, Scene, SocialForce, TrajConfig};
 
 use crate::scenes::{Outcome, assert_close, gradients, values};
 
@@ -39,11 +39,13 @@ fn path_and_gradients_are_those_of_pytorch() -> Outcome {
         dt: 0.1,
         steps: 5,
     };
-    let path = network.roll_out(&scene, Phase::Full)?;
-    assert_close("path", &values(&path)?, &values(&golden["traj.path"])?, 1e-4);
-    for (name, gradient) in gradients(&weights, &path.sqr()?.sum_all()?)? {
-        let gradient = gradient.unwrap_or_else(|| panic!("no gradient for {name}"));
-        assert_close(&name, &gradient, &values(&golden[&format!("traj.grad.{name}")])?, 1e-4);
+    for engine in [Engine::Graph, Engine::Fused] {
+        let path = network.roll_out_on(engine, &scene, Phase::Full)?;
+        assert_close("path", &values(&path)?, &values(&golden["traj.path"])?, 1e-4);
+        for (name, gradient) in gradients(&weights, &path.sqr()?.sum_all()?)? {
+            let gradient = gradient.unwrap_or_else(|| panic!("no gradient for {name}"));
+            assert_close(&name, &gradient, &values(&golden[&format!("traj.grad.{name}")])?, 1e-4);
+        }
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! What the roll-out promises, one module a promise.
 
 mod bad_input;
+mod force_parity;
 mod fused;
 mod golden;
 mod gradients;
