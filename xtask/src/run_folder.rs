@@ -121,7 +121,7 @@ impl Draft {
         let parent = parent_of(place);
         fs::create_dir_all(parent).with_context(|| format!("cannot make the folder {}", parent.display()))?;
         let name = place.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let folder = tempfile::Builder::new()
+        let folder = as_open_as_others(0o777)
             .prefix(&format!(".{name}.unfinished-"))
             .tempdir_in(parent)
             .with_context(|| format!("cannot make a folder in {}", parent.display()))?;
@@ -146,21 +146,19 @@ impl Draft {
         fs::rename(self.folder.path(), &place).with_context(cannot)?;
         // Nothing is left at the temporary name; forget it instead of cleaning it up.
         let _ = self.folder.keep();
-        make_readable(&place);
         Ok(place)
     }
 }
 
-/// Temporary folders are for their owner alone; a finished one is as open as any other.
-#[cfg(unix)]
-fn make_readable(folder: &Path) {
-    use std::os::unix::fs::PermissionsExt as _;
-    // A folder that stays private is no reason to fail.
-    let _ = fs::set_permissions(folder, fs::Permissions::from_mode(0o755));
+/// Makes temporary files and folders that are not for their owner alone: they become final ones.
+fn as_open_as_others(mode: u32) -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode)); // less the umask
+    #[cfg(not(unix))]
+    let _ = mode;
+    builder
 }
-
-#[cfg(not(unix))]
-fn make_readable(_: &Path) {}
 
 /// Whether something that must not be overwritten is at `place`.
 pub(crate) fn occupied(place: &Path) -> Result<bool> {
@@ -283,16 +281,16 @@ pub(crate) fn write_state(root: &Path, state: &RunState) -> Result<()> {
 /// When the folder cannot be written.
 pub(crate) fn write(path: &Path, content: &[u8]) -> Result<()> {
     let cannot = || format!("cannot write {}", path.display());
-    let mut file = tempfile::NamedTempFile::new_in(parent_of(path)).with_context(cannot)?;
+    let mut file = as_open_as_others(0o666).tempfile_in(parent_of(path)).with_context(cannot)?;
     file.write_all(content).with_context(cannot)?;
     file.persist(path).with_context(cannot)?;
     Ok(())
 }
 
-/// [`write`] of a value as readable JSON.
+/// [`write()`] of a value as readable JSON.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     let mut text = serde_json::to_string_pretty(value).with_context(|| format!("cannot write {}", path.display()))?;
     text.push('\n');

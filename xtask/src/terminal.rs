@@ -3,11 +3,12 @@
 //! On a terminal progress is a bar with rate and time left; elsewhere it is a plain line now and
 //! then, so that a log file stays readable.
 
+use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use tracing_subscriber::filter::LevelFilter;
 
 /// Plain lines of one piece of work are at least this far apart.
@@ -59,15 +60,24 @@ impl Terminal {
 
     /// Starts showing a piece of work of `total` units.
     pub(crate) fn work(&self, what: &str, total: u64, unit: &'static str) -> Work {
-        let bar = self.bars.add(ProgressBar::new(total));
+        self.resumed_work(what, 0, total, unit)
+    }
+
+    /// Starts showing a piece of work of `total` units, `done` of which were done earlier.
+    pub(crate) fn resumed_work(&self, what: &str, done: u64, total: u64, unit: &'static str) -> Work {
+        let bar = self.bars.add(ProgressBar::new(total).with_position(done));
+        bar.reset_eta();
         let colour = if std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()) { ".cyan/dim" } else { "" };
         let template =
-            format!("{{prefix:12}} {{bar:30{colour}}} {{pos}}/{{len}} {unit} {{per_sec}}, {{eta}} left {{msg}}");
-        bar.set_style(ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+            format!("{{prefix:12}} {{bar:30{colour}}} {{pos}}/{{len}} {unit}, {{rate}}, {{eta}} left {{msg}}");
+        let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        bar.set_style(style.with_key("rate", |state: &ProgressState, out: &mut dyn fmt::Write| {
+            let _ = write!(out, "{:.0}/s", state.per_sec()); // into memory
+        }));
         bar.set_prefix(what.to_owned());
         let plain = !self.interactive && !self.quiet;
         let now = Instant::now();
-        Work { bar, what: what.to_owned(), unit, plain, started: now, total, last: Mutex::new(now) }
+        Work { bar, what: what.to_owned(), unit, plain, started: now, before: done, total, last: Mutex::new(now) }
     }
 }
 
@@ -79,6 +89,7 @@ pub(crate) struct Work {
     unit: &'static str,
     plain: bool,
     started: Instant,
+    before: u64,
     total: u64,
     last: Mutex<Instant>,
 }
@@ -86,8 +97,8 @@ pub(crate) struct Work {
 impl Work {
     /// `done` units are done; `message` says how it goes (a loss, a file).
     pub(crate) fn at(&self, done: u64, message: &str) {
-        self.bar.set_position(done);
         self.bar.set_message(message.to_owned());
+        self.bar.set_position(done);
         if self.plain && self.due() {
             eprintln!("{}", self.line(done, message));
         }
@@ -109,7 +120,8 @@ impl Work {
 
     fn line(&self, done: u64, message: &str) -> String {
         let seconds = self.started.elapsed().as_secs_f64();
-        let left = if done == 0 { f64::NAN } else { seconds / done as f64 * self.total.saturating_sub(done) as f64 };
+        let here = done.saturating_sub(self.before) as f64;
+        let left = seconds / here * self.total.saturating_sub(done) as f64;
         let left = if left.is_finite() { format!("{left:.0} s left") } else { "time left unknown".to_owned() };
         format!("{}: {done}/{} {}, {left} {message}", self.what, self.total, self.unit).trim_end().to_owned()
     }

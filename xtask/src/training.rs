@@ -115,8 +115,8 @@ struct Watch<'a> {
 impl Observer for Watch<'_> {
     fn on_start(&mut self, plan: &Plan) -> Result<(), TrainError> {
         self.done = plan.done;
-        let work = self.terminal.work(plan.stage, (plan.epochs * plan.batches) as u64, "batches");
-        work.at(self.done, "");
+        let total = (plan.epochs * plan.batches) as u64;
+        let work = self.terminal.resumed_work(plan.stage, plan.done, total, "batches");
         self.work = Some(work);
         Ok(())
     }
