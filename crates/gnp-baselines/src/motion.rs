@@ -14,6 +14,24 @@ pub enum BaselineError {
         /// The default, s.
         default: f64,
     },
+    /// A parameter out of its range.
+    #[error("`{key}` cannot be {value}; take a positive number, such as {default}")]
+    Parameter {
+        /// Its name.
+        key: &'static str,
+        /// What it was.
+        value: f64,
+        /// The default.
+        default: f64,
+    },
+    /// Nothing to fit to.
+    #[error("there is no window to fit to; give training windows")]
+    NoWindows,
+    /// Windows that cannot be fitted to together.
+    #[error(
+        "windows of several shapes, or with a single observed frame, cannot be fitted to; cut them alike, with 2 observed frames or more"
+    )]
+    Shapes,
 }
 
 /// Checks a time to estimate from.
@@ -46,18 +64,22 @@ fn recent(observation: &Observation<'_>, periods: usize) -> impl Iterator<Item =
 /// Slope of the straight line through the last `periods + 1` positions, m/s. One period gives the
 /// backward difference.
 pub(crate) fn velocity(observation: &Observation<'_>, periods: usize) -> [f64; 2] {
-    // Time is counted in periods around the middle of the stretch, where the slope does not depend
-    // on the mean position.
-    let middle = periods as f64 / 2.;
-    let (mut products, mut squares) = ([0.; 2], 0.);
-    for (i, position) in recent(observation, periods).enumerate() {
+    let positions: Vec<[f64; 2]> = recent(observation, periods).collect();
+    [0, 1].map(|axis| slope(positions.iter().map(|position| position[axis])) / observation.shape().dt())
+}
+
+/// Slope of the straight line through two values or more, one a period, per period.
+pub(crate) fn slope(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    // Time is counted around the middle of the stretch, where the slope does not depend on the mean
+    // value.
+    let middle = (values.len() as f64 - 1.) / 2.;
+    let (mut products, mut squares) = (0., 0.);
+    for (i, value) in values.enumerate() {
         let time = i as f64 - middle;
         squares += time * time;
-        for (product, value) in products.iter_mut().zip(position) {
-            *product += time * value;
-        }
+        products += time * value;
     }
-    products.map(|product| product / squares / observation.shape().dt())
+    products / squares
 }
 
 /// Velocity (m/s) at the last observed frame and acceleration (m/s²) of the parabola through the

@@ -1,0 +1,113 @@
+use gnp_baselines::{Idm, IdmParameters, Leader};
+use gnp_data::WindowShape;
+
+use crate::road::{Car, SHAPE, path, road};
+
+const LONG: WindowShape = WindowShape { observed: 16, predicted: 300, step: 1, rate_hz: 10. };
+
+/// Speeds between predicted frames, m/s, the last observed centre included.
+fn speeds(path: &[[f32; 2]], dt: f64) -> Vec<f64> {
+    let mut x = 0.;
+    path.iter()
+        .map(|position| (f64::from(position[0]) - std::mem::replace(&mut x, f64::from(position[0]))) / dt)
+        .collect()
+}
+
+#[test]
+fn accelerations_are_those_worked_out_by_hand() {
+    let idm = Idm::default();
+    let p = IdmParameters::MOTORWAY;
+    assert!((idm.acceleration(0., None) - 1.).abs() < 1e-12);
+    assert!(idm.acceleration(p.desired_speed, None).abs() < 1e-12);
+    // 20 m/s behind 15 m/s at 30 m: the wanted gap is 2 + 20 + 20 * 5 / (2 sqrt(1.5)) = 62.825 m.
+    let closing = idm.acceleration(20., Some(Leader { speed: 15., gap: 30. }));
+    assert!((closing - (1. - 0.1296 - (62.824_829 / 30f64).powi(2))).abs() < 1e-6, "{closing}");
+    // A leader that leaves quickly asks for no more than the gap at a stand: (2 / 30)^2.
+    let leaving = idm.acceleration(20., Some(Leader { speed: 40., gap: 30. }));
+    assert!((leaving - (1. - 0.1296 - 4. / 900.)).abs() < 1e-12, "{leaving}");
+    assert_eq!(idm.acceleration(20., Some(Leader { speed: 0., gap: -3. })), -9.);
+}
+
+#[test]
+fn the_gap_of_equilibrium_is_kept() {
+    // (2 + 15 T) / sqrt(1 - (15 / v0)^4) between bumpers, and 4 m of vehicles.
+    for parameters in [IdmParameters::MOTORWAY, IdmParameters::PROPOSED] {
+        let gap = (2. + 15. * parameters.headway) / (1. - (15. / parameters.desired_speed).powi(4)).sqrt();
+        let (target, leader) = (|t: f64| [15. * t, 0.], move |t: f64| [gap + 4. + 15. * t, 0.]);
+        let recording = road(SHAPE, 0, &[Car { from: 0, at: &target }, Car { from: 0, at: &leader }]);
+        for (j, position) in path(&Idm::new(parameters).unwrap(), SHAPE, &recording).iter().enumerate() {
+            assert!((f64::from(position[0]) - 1.5 * (j + 1) as f64).abs() < 1e-3, "{j}: {position:?}");
+        }
+    }
+}
+
+#[test]
+fn a_standing_leader_is_never_reached() {
+    for (speed, distance) in [(10., 40.), (20., 60.), (30., 90.), (2., 7.)] {
+        let (target, leader) = (|t: f64| [speed * t, 0.], |_: f64| [distance, 0.]);
+        let recording = road(LONG, 0, &[Car { from: 0, at: &target }, Car { from: 0, at: &leader }]);
+        let path = path(&Idm::default(), LONG, &recording);
+        assert!(speeds(&path, 0.1).iter().all(|speed| *speed >= 0.), "{speed} m/s");
+        let gap = distance - 4. - f64::from(path[299][0]);
+        assert!(gap > 0.5 && gap < 3.5, "{speed} m/s: stands {gap} m behind");
+    }
+}
+
+#[test]
+fn too_late_to_brake_is_still_not_backwards() {
+    let (target, leader) = (|t: f64| [30. * t, 0.], |_: f64| [5., 0.]);
+    let recording = road(LONG, 0, &[Car { from: 0, at: &target }, Car { from: 0, at: &leader }]);
+    let path = path(&Idm::default(), LONG, &recording);
+    assert!(speeds(&path, 0.1).iter().all(|speed| *speed >= 0.));
+    // 30 m/s and -9 m/s²: 50 m.
+    assert!((path[299][0] - 50.).abs() < 1e-2, "{:?}", path[299]);
+}
+
+#[test]
+fn an_empty_road_leads_to_the_desired_speed_from_below_and_above() {
+    for (speed, grows) in [(0., true), (25., true), (40., false)] {
+        let target = |t: f64| [speed * t, 0.];
+        let recording = road(LONG, 0, &[Car { from: 0, at: &target }]);
+        let speeds = speeds(&path(&Idm::default(), LONG, &recording), 0.1);
+        let way = |pair: &[f64]| if grows { pair[1] - pair[0] } else { pair[0] - pair[1] };
+        assert!(speeds.windows(2).all(|pair| way(pair) > -1e-2), "{speed} m/s");
+        let limit = IdmParameters::MOTORWAY.desired_speed;
+        assert!(speeds.iter().all(|speed| (*speed < limit + 1e-2) == grows || (speed - limit).abs() < 1e-2));
+        assert!((speeds[0] - speed).abs() < 0.3);
+        assert!((speeds[299] - limit).abs() < 8., "{}", speeds[299]);
+    }
+}
+
+#[test]
+fn a_leader_without_a_past_goes_as_fast_as_its_follower() {
+    let target = |t: f64| [15. * t, 0.];
+    let gap = 17. / (1. - (15. / IdmParameters::MOTORWAY.desired_speed).powi(4)).sqrt();
+    let leader = |t: f64| [gap + 4. + 8. * t, 0.];
+    let at = |from: usize| {
+        let recording = road(SHAPE, 0, &[Car { from: 0, at: &target }, Car { from, at: &leader }]);
+        path(&Idm::default(), SHAPE, &recording)[29][0]
+    };
+    assert!((at(SHAPE.observed - 1) - 45.).abs() < 1e-2);
+    // Two frames are enough to see that it is slower.
+    assert!((at(SHAPE.observed - 2) - at(0)).abs() < 1e-2 && at(0) < 40.);
+}
+
+#[test]
+fn a_speed_sideways_dies_away() {
+    let target = |t: f64| [20. * t, -0.5 * t];
+    let recording = road(LONG, 0, &[Car { from: 0, at: &target }]);
+    let idm = Idm::new(IdmParameters { settling: 2., ..IdmParameters::MOTORWAY }).unwrap();
+    let path = path(&idm, LONG, &recording);
+    for j in [0usize, 9, 19, 299] {
+        let wanted = -0.5 * 2. * (1. - (-0.1 * (j + 1) as f64 / 2.).exp());
+        assert!((f64::from(path[j][1]) - wanted).abs() < 1e-4, "{j}: {} instead of {wanted}", path[j][1]);
+    }
+}
+
+#[test]
+fn parameters_must_be_positive() {
+    let bad = IdmParameters { headway: 0., ..IdmParameters::PROPOSED };
+    let message = Idm::new(bad).unwrap_err().to_string();
+    assert!(message.contains("headway") && message.contains("positive"), "{message}");
+    assert!(Idm::new(IdmParameters { braking: f64::NAN, ..IdmParameters::PROPOSED }).is_err());
+}

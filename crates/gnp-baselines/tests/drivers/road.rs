@@ -1,0 +1,65 @@
+//! A road with a target and the vehicles ahead of it.
+
+use gnp_data::{
+    Columns, Dataset, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowShape,
+};
+
+pub(crate) const SHAPE: WindowShape = WindowShape { observed: 16, predicted: 30, step: 1, rate_hz: 10. };
+
+/// A vehicle of 4 m in the first frames, whose centre at time `t` (s; 0 in the last observed frame)
+/// is `at(t)`, recorded from frame `from` on.
+pub(crate) struct Car<'a> {
+    pub(crate) from: usize,
+    pub(crate) at: &'a dyn Fn(f64) -> [f64; 2],
+}
+
+/// `cars[0]` behind `cars[1]`, with `after` frames recorded after the last observed one.
+pub(crate) fn road(shape: WindowShape, after: usize, cars: &[Car<'_>]) -> Recording {
+    let mut columns = Columns::default();
+    let mut tracks = Vec::new();
+    for (number, car) in cars.iter().enumerate() {
+        let first = columns.x.len();
+        for frame in car.from..shape.observed + after {
+            let [x, y] = (car.at)((frame as f64 + 1. - shape.observed as f64) * shape.dt());
+            columns.x.push(x as f32);
+            columns.y.push(y as f32);
+            // Not to be used: a stored velocity may know the next row.
+            columns.vx.push(-99.);
+            columns.vy.push(99.);
+            columns.lane.push(1);
+            let mut neighbours = [u32::MAX; SLOTS];
+            if number == 0 && cars.get(1).is_some_and(|ahead| frame >= ahead.from) {
+                neighbours[0] = 1;
+            }
+            columns.neighbours.push(neighbours);
+        }
+        tracks.push(Track {
+            vehicle: number as u32 + 1,
+            segment: 0,
+            road: 0,
+            class: VehicleClass::Car,
+            length: 4.,
+            width: 1.8,
+            first_frame: car.from as u32,
+            rows: first..columns.x.len(),
+        });
+    }
+    let meta = RecordingMeta {
+        dataset: Dataset::Ngsim,
+        site: "s".into(),
+        name: "a".into(),
+        rate_hz: shape.rate_hz,
+        simulated: true,
+    };
+    let road = Road { driving_direction: 2, lines: vec![], fitted: false };
+    Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
+}
+
+/// The one path that `predictor` gives the target.
+pub(crate) fn path(predictor: &dyn Predictor, shape: WindowShape, recording: &Recording) -> Vec<[f32; 2]> {
+    let observation = Observation::new(recording, shape, 0, shape.observed - 1).unwrap();
+    let mut forecasts = predictor.predict(&[observation], 6).unwrap();
+    let mut modes = forecasts.pop().unwrap().modes;
+    assert_eq!((modes.len(), modes[0].probability, modes[0].path.len()), (1, 1., shape.predicted));
+    modes.pop().unwrap().path
+}
