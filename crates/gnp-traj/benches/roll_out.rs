@@ -5,8 +5,6 @@
 //! mean squared error in every weight; `forward_20_goals` rolls each window out to 20 goals;
 //! `train_period_3` runs the networks at every third frame.
 
-#![expect(missing_docs, reason = "criterion's macros make undocumented functions")]
-
 use std::hint::black_box;
 use std::time::Duration;
 

@@ -21,8 +21,12 @@ pub(crate) struct Panels {
 impl Panels {
     /// Packs the matrix whose row `i` `row(i, values)` writes into `values` `[width]`; `width` is a
     /// multiple of a cache line.
-    pub(crate) fn pack(depth: usize, width: usize, mut row: impl FnMut(usize, &mut [f32])) -> Self {
-        let panel = panel_width();
+    pub(crate) fn pack(depth: usize, width: usize, row: impl FnMut(usize, &mut [f32])) -> Self {
+        Self::pack_in(panel_width(), depth, width, row)
+    }
+
+    /// Packs into panels of a width that is that of two vectors.
+    fn pack_in(panel: usize, depth: usize, width: usize, mut row: impl FnMut(usize, &mut [f32])) -> Self {
         let mut data = Aligned::zeros(depth * width);
         let mut values = vec![0.; width];
         for i in 0..depth {
@@ -294,5 +298,94 @@ impl OuterSum<'_> {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Some values without a pattern.
+    fn values(count: usize, seed: usize) -> Vec<f32> {
+        (0..count).map(|i| ((i * 7919 + seed * 104_729) % 1009) as f32 / 504. - 1.).collect()
+    }
+
+    fn assert_close(found: &[f32], wanted: &[f32]) {
+        assert_eq!(found.len(), wanted.len());
+        for (i, (a, b)) in found.iter().zip(wanted).enumerate() {
+            assert!((a - b).abs() < 1e-4, "{i}: {a}, wanted {b}");
+        }
+    }
+
+    /// `run` with the widest vectors and with none.
+    fn with_each_width(run: impl Fn(&dyn Fn(Product<'_>), &dyn Fn(OuterSum<'_>), usize)) {
+        run(&|op| Arch::new().dispatch(op), &|op| Arch::new().dispatch(op), panel_width());
+        run(&|op| pulp::Scalar.vectorize(op), &|op| pulp::Scalar.vectorize(op), 2);
+    }
+
+    #[test]
+    fn products_are_sums_of_products_for_every_number_of_rows() {
+        let (depth, width, stride) = (37, 48, 40);
+        let (matrix, bias) = (values(depth * width, 1), values(width, 2));
+        with_each_width(|product, _, panel| {
+            let row = |i: usize, row: &mut [f32]| row.copy_from_slice(&matrix[i * width..][..width]);
+            let weights = Panels::pack_in(panel, depth, width, row);
+            for count in 1..20 {
+                let x = values(count * stride, count);
+                let sums = |start: &dyn Fn(usize) -> f32, relu: bool| -> Vec<f32> {
+                    let term = |at: usize, i: usize| x[at / width * stride + i] * matrix[i * width + at % width];
+                    let sum = |at: usize| start(at) + (0..depth).map(|i| term(at, i)).sum::<f32>();
+                    (0..count * width).map(|at| if relu { sum(at).max(0.) } else { sum(at) }).collect()
+                };
+                let before = values(count * width, 3);
+                let starts: [(Start<'_>, &dyn Fn(usize) -> f32); 3] = [
+                    (Start::Zero, &|_| 0.),
+                    (Start::Bias(&bias), &|at| bias[at % width]),
+                    (Start::Sum, &|at| before[at]),
+                ];
+                for (start, value) in starts {
+                    for relu in [false, true] {
+                        let mut y = before.clone();
+                        let (x, y_rows) = (Rows { data: &x, stride }, RowsMut { data: &mut y, stride: width });
+                        product(Product { count, x, weights: &weights, start, relu, y: y_rows });
+                        assert_close(&y, &sums(value, relu));
+                    }
+                }
+            }
+        });
+    }
+
+    #[test]
+    fn gradients_add_up_over_more_rows_than_a_block() {
+        let (inputs, outputs, count) = (48, 32, BLOCK + 5);
+        let (x, dy) = (values(count * inputs, 4), values(count * outputs, 5));
+        let before = values(outputs * inputs, 6);
+        let term = |at: usize, t: usize| dy[t * outputs + at / inputs] * x[t * inputs + at % inputs];
+        let wanted: Vec<f32> =
+            (0..outputs * inputs).map(|at| before[at] + (0..count).map(|t| term(at, t)).sum::<f32>()).collect();
+        let wanted_bias: Vec<f32> =
+            (0..outputs).map(|o| (0..count).map(|t| dy[t * outputs + o]).sum::<f32>()).collect();
+        with_each_width(|_, outer_sum, _| {
+            let (mut sum, mut bias) = (before.clone(), vec![0.; outputs]);
+            outer_sum(OuterSum {
+                count,
+                dy: Rows { data: &dy, stride: outputs },
+                x: Rows { data: &x, stride: inputs },
+                sum: &mut sum,
+                bias: &mut bias,
+                inputs,
+                scratch: &mut Scratch::default(),
+            });
+            assert_close(&sum, &wanted);
+            assert_close(&bias, &wanted_bias);
+        });
+    }
+
+    #[test]
+    fn bad_weights_show() {
+        let weights = Panels::pack(1, 16, |_, row| row.fill(f32::NAN));
+        let mut y = vec![0.; 16];
+        product(1, Rows { data: &[1.], stride: 1 }, &weights, Start::Zero, true, RowsMut { data: &mut y, stride: 16 });
+        assert!(y.iter().all(|y| y.is_nan()));
     }
 }

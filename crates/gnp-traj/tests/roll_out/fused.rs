@@ -5,7 +5,7 @@ use candle_core::{Device, Tensor};
 use gnp_nn::Weights;
 use gnp_traj::{Engine, Integrator, Phase, Scene, SocialForce, TrajConfig};
 
-use crate::scenes::{Outcome, assert_close, gradients, network, scene, small, uniform, values};
+use crate::scenes::{Gradients, Outcome, assert_close, gradients, network, scene, small, uniform, values};
 
 /// The path and the gradients of a loss that weighs every coordinate differently.
 fn outcome(
@@ -13,7 +13,7 @@ fn outcome(
     engine: Engine,
     scene: &Scene,
     phase: Phase,
-) -> Result<(Vec<f32>, Vec<(String, Option<Vec<f32>>)>), Box<dyn std::error::Error>> {
+) -> Outcome<(Vec<f32>, Gradients)> {
     let path = network.roll_out_on(engine, scene, phase)?;
     let rng = &mut rand::SeedableRng::seed_from_u64(9);
     let pull = uniform(rng, path.dims(), -1., 1.)?;
@@ -118,7 +118,7 @@ fn the_reported_parts_are_those_of_the_graph() -> Outcome {
 #[test]
 fn one_thread_and_two_give_the_same_bits() -> Outcome {
     let scene = scene(100, 1, 16)?;
-    let on = |threads: usize| -> Result<_, Box<dyn std::error::Error>> {
+    let on = |threads: usize| -> Outcome<_> {
         let network = network(&small(), 7)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         pool.install(|| outcome(&network, Engine::Fused, &scene, Phase::Full).map_err(|e| e.to_string()))

@@ -7,7 +7,7 @@ use crate::scenes::{Outcome, gradients, network, scene, small, values};
 const PHI_1: [&str; 5] = ["emb1", "cell1", "out1", "enc_goal", "tau"];
 
 /// The names of the weights that get a gradient which is not zero throughout.
-fn trained(phase: Phase) -> Result<(Vec<String>, Vec<String>), Box<dyn std::error::Error>> {
+fn trained(phase: Phase) -> Outcome<(Vec<String>, Vec<String>)> {
     let (network, weights) = network(&small(), 3)?;
     let path = network.roll_out(&scene(3, 2, 8)?, phase)?;
     let all = gradients(&weights, &path.sqr()?.sum_all()?)?;

@@ -25,7 +25,7 @@ fn padded(scene: &Scene, value: f32) -> candle_core::Result<Scene> {
 fn padding_reaches_neither_path_nor_gradient() -> Outcome {
     let (network, weights) = network(&small(), 5)?;
     let scene = scene(4, 1, 2)?;
-    let outcome = |scene: &Scene| -> Result<_, Box<dyn std::error::Error>> {
+    let outcome = |scene: &Scene| -> Outcome<_> {
         let path = network.roll_out(scene, Phase::Full)?;
         Ok((values(&path)?, gradients(&weights, &path.sqr()?.sum_all()?)?))
     };

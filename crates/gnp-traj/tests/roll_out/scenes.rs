@@ -6,7 +6,9 @@ use gnp_traj::{InputScale, Integrator, Lines, NeighbourStates, Neighbours, Scene
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-pub(crate) type Outcome = Result<(), Box<dyn std::error::Error>>;
+pub(crate) type Outcome<T = ()> = Result<T, Box<dyn std::error::Error>>;
+/// The gradient of every weight by name; none where none arrives.
+pub(crate) type Gradients = Vec<(String, Option<Vec<f32>>)>;
 
 /// A network of a few units whose forces are all of the same order.
 pub(crate) fn small() -> TrajConfig {
@@ -27,7 +29,7 @@ pub(crate) fn small() -> TrajConfig {
     }
 }
 
-pub(crate) fn network(cfg: &TrajConfig, seed: u64) -> Result<(SocialForce, Weights), Box<dyn std::error::Error>> {
+pub(crate) fn network(cfg: &TrajConfig, seed: u64) -> Outcome<(SocialForce, Weights)> {
     let weights = Weights::seeded(seed, &Device::Cpu);
     Ok((SocialForce::new(cfg, weights.builder())?, weights))
 }
@@ -38,7 +40,7 @@ pub(crate) fn uniform(rng: &mut ChaCha8Rng, shape: &[usize], lo: f32, hi: f32) -
 }
 
 /// `windows` windows of 4 observed and 7 predicted frames, 5 slots, 3 lines; each window lacks some.
-pub(crate) fn scene(windows: usize, goals: usize, seed: u64) -> Result<Scene, Box<dyn std::error::Error>> {
+pub(crate) fn scene(windows: usize, goals: usize, seed: u64) -> Outcome<Scene> {
     const OBSERVED: usize = 4;
     const STEPS: usize = 7;
     const SLOTS: usize = 5;
@@ -98,8 +100,7 @@ pub(crate) fn assert_close(name: &str, found: &[f32], wanted: &[f32], tolerance:
     }
 }
 
-/// The gradient of every weight by name; none where none arrives.
-pub(crate) fn gradients(weights: &Weights, loss: &Tensor) -> candle_core::Result<Vec<(String, Option<Vec<f32>>)>> {
+pub(crate) fn gradients(weights: &Weights, loss: &Tensor) -> candle_core::Result<Gradients> {
     let store = loss.backward()?;
     let of = |var: &Var| store.get(var).map(values).transpose();
     weights.named().into_iter().map(|(name, var)| Ok((name, of(&var)?))).collect()
