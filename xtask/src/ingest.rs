@@ -1,4 +1,4 @@
-//! Ingest: recordings are read one at a time, reported on and kept in columns.
+//! Ingest: recordings are read a few at a time, reported on and kept in columns.
 
 use std::fs;
 use std::path::Path;
@@ -9,6 +9,7 @@ use comfy_table::{CellAlignment, Table, TableComponent, presets};
 use gnp_data::{
     DataError, Expectation, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality, Recording, RecordingDrops, read,
 };
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
@@ -20,6 +21,9 @@ use crate::terminal::Terminal;
 
 /// Folder of the kept recordings in a run folder.
 pub(crate) const RECORDINGS: &str = "recordings";
+
+/// Most files that are read at once, each on its own thread.
+const AT_ONCE: usize = 4;
 
 /// `ingest.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -47,7 +51,7 @@ pub(crate) struct RecordingReport {
     pub(crate) windows: RecordingDrops,
 }
 
-/// Reads every source into `folder`, one at a time: memory does not grow with their number.
+/// Reads every source into `folder`, a few at a time: memory does not grow with their number.
 ///
 /// # Errors
 /// The first thing that is wrong with a recording; when no track is long enough for a window.
@@ -59,25 +63,31 @@ pub(crate) fn run(found: Found, config: &RunConfig, folder: &Path, terminal: &Te
     let started = Instant::now();
     let mut recordings: Vec<RecordingReport> = Vec::new();
     let (mut rows, mut longest_s) = (0u64, 0f64);
-    for (done, source) in found.sources.iter().enumerate() {
+    let at_once = rayon::current_num_threads().clamp(1, AT_ONCE);
+    for (group, sources) in found.sources.chunks(at_once).enumerate() {
         stop::check()?;
-        work.at(done as u64, &source.name);
-        for (index, (recording, mut quality)) in read(source, &expect)?.into_iter().enumerate() {
-            let name = &recording.meta().name;
-            if recordings.iter().any(|earlier| earlier.quality.recording == *name) {
-                bail!("{}: a second recording called {name}; put each recording into the folder once", source.name);
+        work.at((group * at_once) as u64, &sources[0].name);
+        let read: Vec<_> = sources.par_iter().map(|source| read(source, &expect)).collect();
+        let mut to_save = Vec::new();
+        for (source, read) in sources.iter().zip(read) {
+            for (index, (recording, mut quality)) in read?.into_iter().enumerate() {
+                let name = &recording.meta().name;
+                if recordings.iter().any(|earlier| earlier.quality.recording == *name) {
+                    bail!("{}: a second recording called {name}; put each recording into the folder once", source.name);
+                }
+                let windows = config.windows.count(&recording)?;
+                let frames = recording.tracks().iter().map(|track| track.rows.len()).max().unwrap_or(0);
+                longest_s = longest_s.max(frames.saturating_sub(1) as f64 / recording.meta().rate_hz);
+                rows += quality.rows_read;
+                if index == 0 {
+                    quality.notes.extend(source.notes.iter().cloned());
+                }
+                let file = format!("{RECORDINGS}/{:04}-{}.rec", recordings.len(), plain(name));
+                to_save.push((folder.join(&file), recording));
+                recordings.push(RecordingReport { file, quality, windows });
             }
-            let windows = config.windows.count(&recording)?;
-            let frames = recording.tracks().iter().map(|track| track.rows.len()).max().unwrap_or(0);
-            longest_s = longest_s.max(frames.saturating_sub(1) as f64 / recording.meta().rate_hz);
-            rows += quality.rows_read;
-            let file = format!("{RECORDINGS}/{:04}-{}.rec", recordings.len(), plain(name));
-            recording.save(&folder.join(&file))?;
-            if index == 0 {
-                quality.notes.extend(source.notes.iter().cloned());
-            }
-            recordings.push(RecordingReport { file, quality, windows });
         }
+        to_save.par_iter().try_for_each(|(path, recording)| recording.save(path))?;
     }
     work.finish();
     if recordings.iter().all(|report| report.windows.windows == 0) {
