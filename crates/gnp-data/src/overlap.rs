@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::recording::Recording;
 
 /// Length of the stretches of motion that are compared, s.
-const STRETCH_S: f64 = 2.;
+const STRETCH_S: f64 = 1.2;
 /// Speeds of a stretch that enter its signature.
 const SAMPLES: usize = 5;
 /// Width of a speed bin of a signature, m/s. Coarser than the noise between two cuts of one scene.
@@ -22,9 +22,13 @@ const SPEED_TOLERANCE: f32 = 0.1;
 const LATERAL_TOLERANCE: f32 = 0.06;
 const LONGITUDINAL_TOLERANCE: f32 = 0.2;
 /// A stretch must change its speed by at least this to tell drivers apart, m/s.
-const DISTINCTIVE: f32 = 0.6;
-/// Vehicles that must agree at one shift in time. One or two may do so by chance.
+const DISTINCTIVE: f32 = 0.15;
+/// Signatures that more stretches than this share tell nobody apart.
+const COMMON: usize = 256;
+/// Vehicles that must agree at one shift in time and in space. One or two may do so by chance.
 const VEHICLES: usize = 3;
+/// Shifts in space that count as one, m: scenes may start at different points of the road.
+const PLACE: f32 = 0.5;
 /// Rows above which only a share of the signatures is kept, chosen by the signature itself.
 const ROWS_IN_FULL: usize = 1_000_000;
 
@@ -54,7 +58,7 @@ struct Stretch {
 
 /// Pairs of recordings of one site and rate that show the same vehicles, by name.
 ///
-/// Finds overlaps of a few seconds with at least three vehicles that change their speed; says
+/// Finds overlaps of two seconds or more with at least three vehicles that change their speed; says
 /// nothing of shorter ones.
 #[must_use]
 pub fn overlaps(recordings: &[Recording]) -> Vec<Overlap> {
@@ -65,22 +69,23 @@ pub fn overlaps(recordings: &[Recording]) -> Vec<Overlap> {
         collect(index as u32, recording, share, &mut stretches);
     }
     stretches.sort_unstable();
-    // (recording a, recording b, shift) -> pairs of tracks that are one vehicle
-    let mut same: BTreeMap<(u32, u32, i64), BTreeSet<(u32, u32)>> = BTreeMap::new();
-    for run in stretches.chunk_by(|a, b| a.signature == b.signature) {
+    // (recording a, recording b, shift in time) -> pairs of tracks that move alike, with their shift in space
+    let mut alike: BTreeMap<(u32, u32, i64), BTreeMap<(u32, u32), f32>> = BTreeMap::new();
+    for run in stretches.chunk_by(|a, b| a.signature == b.signature).filter(|run| run.len() <= COMMON) {
         for (i, a) in run.iter().enumerate() {
             for b in run[i + 1..].iter().filter(|b| b.recording != a.recording) {
                 let (ra, rb) = (&recordings[a.recording as usize], &recordings[b.recording as usize]);
                 if comparable(ra, rb) && agree(ra, a, rb, b) {
                     let shift = frame(ra, a) - frame(rb, b);
-                    same.entry((a.recording, b.recording, shift)).or_default().insert((a.track, b.track));
+                    let place = ra.columns().x[a.row as usize] - rb.columns().x[b.row as usize];
+                    alike.entry((a.recording, b.recording, shift)).or_default().insert((a.track, b.track), place);
                 }
             }
         }
     }
     let mut found: BTreeMap<(u32, u32), (usize, i64)> = BTreeMap::new();
-    for ((a, b, shift), pairs) in same {
-        let vehicles = one_to_one(&pairs);
+    for ((a, b, shift), pairs) in alike {
+        let vehicles = at_one_place(&pairs);
         let best = found.entry((a, b)).or_insert((0, shift));
         if vehicles > best.0 {
             *best = (vehicles, shift);
@@ -146,10 +151,18 @@ fn frame(recording: &Recording, stretch: &Stretch) -> i64 {
     i64::from(track.first_frame) + (stretch.row as usize - track.rows.start) as i64
 }
 
-/// Vehicles in a set of pairs when each may stand in one pair only.
-fn one_to_one(pairs: &BTreeSet<(u32, u32)>) -> usize {
-    let (mut left, mut right) = (BTreeSet::new(), BTreeSet::new());
-    pairs.iter().filter(|(a, b)| !left.contains(a) && !right.contains(b) && left.insert(*a) && right.insert(*b)).count()
+/// The most vehicles that share one shift in space, each in one pair only: at one instant a vehicle
+/// of the first recording can be one of the second.
+fn at_one_place(pairs: &BTreeMap<(u32, u32), f32>) -> usize {
+    let near = |centre: f32| {
+        let (mut left, mut right) = (BTreeSet::new(), BTreeSet::new());
+        pairs
+            .iter()
+            .filter(|(_, place)| (*place - centre).abs() < PLACE)
+            .filter(|((a, b), _)| !left.contains(a) && !right.contains(b) && left.insert(*a) && right.insert(*b))
+            .count()
+    };
+    pairs.values().map(|place| near(*place)).max().unwrap_or(0)
 }
 
 /// For each recording the first recording (by index) that it is connected with through overlaps,

@@ -146,7 +146,7 @@ impl Split {
     /// whatever the order of the recordings.
     ///
     /// Recordings of all sites with the same kind are parted together, so that each part comes near
-    /// its share of their windows (kind `recording`), vehicles (`vehicle`, in each recording),
+    /// its share of their vehicles (kind `recording`; `vehicle`, in each recording),
     /// frames (`time`, in each recording) or windows (`window`). `overlaps` are what
     /// [`overlaps`](crate::overlaps) found in the recordings. By `recording` those that overlap stay
     /// together; by any other kind they may not, and the split [leaks](Split::leaks).

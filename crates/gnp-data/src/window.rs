@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::recording::{LaneLine, Recording, SLOTS, State, Track};
+use crate::recording::{LaneLine, Recording, SLOTS, State, Track, VehicleClass};
 
 /// The shape of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -195,6 +195,12 @@ impl<'a> Observation<'a> {
         [track.length, track.width]
     }
 
+    /// Kind of vehicle of the target.
+    #[must_use]
+    pub fn class(&self) -> VehicleClass {
+        self.track().class
+    }
+
     /// State of the target in observed frame `i` of `0..observed`, window frame; all zero for any
     /// other `i`. The velocity of the last one is one-sided.
     #[must_use]
@@ -318,6 +324,12 @@ impl<'a> Neighbour<'a> {
         self.observation.recording.tracks()[self.track].vehicle
     }
 
+    /// Kind of vehicle.
+    #[must_use]
+    pub fn class(&self) -> VehicleClass {
+        self.observation.recording.tracks()[self.track].class
+    }
+
     /// Length and width, m.
     #[must_use]
     pub fn size(&self) -> [f32; 2] {
@@ -352,6 +364,13 @@ impl Truth<'_> {
     pub fn neighbour(&self, slot: usize, j: usize) -> Option<State> {
         let track = self.observation.recording.neighbour(self.observation.row, slot)?;
         self.state_of(track, j)
+    }
+
+    /// Recorded state in predicted frame `j` of a vehicle that [`Observation::others`] of the same
+    /// window gave; `None` where it is absent.
+    #[must_use]
+    pub fn other(&self, neighbour: &Neighbour<'_>, j: usize) -> Option<State> {
+        (neighbour.track < self.observation.recording.tracks().len()).then(|| self.state_of(neighbour.track, j))?
     }
 
     /// Boxes (state, length and width) of all other vehicles of the carriageway in predicted

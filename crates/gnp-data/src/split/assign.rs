@@ -1,6 +1,6 @@
 //! Which window goes to which part.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rand::seq::SliceRandom;
 use rand::{Rng as _, SeedableRng as _};
@@ -40,7 +40,10 @@ pub(super) fn assign(
         by_name.entry(together[id.recording as usize]).or_default().push(id);
     }
     if kind == SplitKind::Recording {
-        let sizes: Vec<usize> = by_name.values().map(Vec::len).collect();
+        // Windows of one vehicle are alike: a long scene is worth its vehicles, not its windows.
+        let vehicles =
+            |ids: &Vec<WindowId>| ids.iter().map(|id| (id.recording, id.track)).collect::<BTreeSet<_>>().len();
+        let sizes: Vec<usize> = by_name.values().map(vehicles).collect();
         let parts = whole_groups(&sizes, shares, &mut rng(seed, "recordings"));
         for (part, ids) in parts.into_iter().zip(by_name.into_values()) {
             assigned.parts[part as usize].extend(ids);
@@ -111,7 +114,7 @@ const DEALS: usize = 64;
 /// A part for each group of windows, whole, so that each part gets a group if there are three.
 ///
 /// Groups may differ much in size, so that one deal can miss the shares by far: of several, all
-/// drawn, the one with the smallest sum of (windows - due)² / due is taken, the first of equals.
+/// drawn, the one with the smallest sum of (vehicles - due)² / due is taken, the first of equals.
 fn whole_groups(sizes: &[usize], shares: [f64; 3], rng: &mut ChaCha8Rng) -> Vec<Part> {
     let total: usize = sizes.iter().sum();
     let due = shares.map(|share| share * total as f64);
@@ -129,7 +132,7 @@ fn whole_groups(sizes: &[usize], shares: [f64; 3], rng: &mut ChaCha8Rng) -> Vec<
 }
 
 /// Deals groups out in an order, each to the part that lacks the largest share of its due; the last
-/// ones go to parts that are still empty. Returns the parts, and the windows each part lacks in the end.
+/// ones go to parts that are still empty. Returns the parts, and the vehicles each part lacks in the end.
 fn deal(sizes: &[usize], order: &[usize], due: [f64; 3]) -> (Vec<Part>, [f64; 3]) {
     let mut lacking = due;
     let mut empty = [true; 3];
