@@ -11,6 +11,8 @@ use crate::metric::Footprint;
 pub struct Reference {
     path: Vec<[f32; 2]>,
     rate_hz: f64,
+    /// Present speed, m/s.
+    speed: f64,
     size: [f32; 2],
     edges: Option<[f32; 2]>,
     others: Vec<Vec<Footprint>>,
@@ -22,29 +24,45 @@ impl Reference {
     pub fn of(window: &Window<'_>) -> Self {
         let (seen, truth) = (window.observation(), window.truth());
         let predicted = seen.shape().predicted;
+        let now = seen.target(seen.shape().observed.saturating_sub(1));
         let lateral = || seen.lines().map(|line| line.y);
         let (right, left) = (lateral().fold(f32::INFINITY, f32::min), lateral().fold(f32::NEG_INFINITY, f32::max));
         let footprints = |j| truth.others(j).map(|(state, size)| Footprint::along_road([state.x, state.y], size));
         Self {
             path: (0..predicted).map(|j| truth.target(j)).map(|state| [state.x, state.y]).collect(),
             rate_hz: seen.shape().rate_hz,
+            speed: f64::from(now.vx).hypot(f64::from(now.vy)),
             size: seen.size(),
             edges: (right < left).then_some([right, left]),
             others: (0..predicted).map(|j| footprints(j).collect()).collect(),
         }
     }
 
-    /// A bare path on an empty plane: no edges, no other vehicle.
+    /// A bare path on an empty plane: no edges, no other vehicle; the present speed is that of the
+    /// first step.
     #[must_use]
     pub fn from_path(path: Vec<[f32; 2]>, rate_hz: f64) -> Self {
         let others = vec![Vec::new(); path.len()];
-        Self { path, rate_hz, size: [0.; 2], edges: None, others }
+        let speed = path.first().map_or(0., |p| f64::from(p[0]).hypot(f64::from(p[1])) * rate_hz);
+        Self { path, rate_hz, speed, size: [0.; 2], edges: None, others }
     }
 
     /// Centre of the target in each predicted frame, m.
     #[must_use]
     pub fn path(&self) -> &[[f32; 2]] {
         &self.path
+    }
+
+    /// Rate of the predicted frames, Hz.
+    #[must_use]
+    pub(crate) fn rate_hz(&self) -> f64 {
+        self.rate_hz
+    }
+
+    /// Speed at the last observed frame, m/s.
+    #[must_use]
+    pub(crate) fn speed(&self) -> f64 {
+        self.speed
     }
 
     /// Length and width of the target, m.

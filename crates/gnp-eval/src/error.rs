@@ -95,6 +95,14 @@ pub enum EvalError {
         /// What is missing or differs.
         problem: &'static str,
     },
+    /// A comparison was asked for with a model that was not scored.
+    #[error("{model} was not scored; scored are {scored}")]
+    NotScored {
+        /// The model asked for.
+        model: String,
+        /// Those that were scored.
+        scored: String,
+    },
     /// The caller's watcher ended the evaluation.
     #[error("the evaluation was stopped; no score was kept")]
     Stopped,

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::bootstrap::{Bootstrap, Difference};
 use crate::case::{Case, Reference};
 use crate::error::EvalError;
+use crate::manoeuvre::Manoeuvre;
 use crate::metric::Metric;
 use crate::protocol::Protocol;
 use crate::score::{ALL_SITES, Score};
@@ -38,7 +39,7 @@ impl EvalConfig {
             return bad("batch", "is 0; write a number of windows, such as 256");
         }
         if self.protocols.is_empty() {
-            return bad("protocols", "is empty; write some of paper, literature, clean");
+            return bad("protocols", "is empty; write some of paper, literature, clean, av2, nuscenes, waymo");
         }
         if self.protocols.iter().collect::<BTreeSet<_>>().len() < self.protocols.len() {
             return bad("protocols", "names a protocol twice; write each once");
@@ -124,18 +125,20 @@ pub struct Setting {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
     setting: Setting,
-    metrics: BTreeMap<Protocol, Vec<Metric>>,
-    sheets: Vec<Sheet>,
+    pub(crate) metrics: BTreeMap<Protocol, Vec<Metric>>,
+    pub(crate) sheets: Vec<Sheet>,
 }
 
 /// One model under one protocol.
 #[derive(Clone, Debug, PartialEq)]
-struct Sheet {
-    model: String,
-    protocol: Protocol,
-    future_input: bool,
+pub(crate) struct Sheet {
+    pub(crate) model: String,
+    pub(crate) protocol: Protocol,
+    pub(crate) future_input: bool,
     /// By site, [`ALL_SITES`] among them.
-    sums: BTreeMap<String, Sums>,
+    pub(crate) sums: BTreeMap<String, Sums>,
+    /// Of all sites by manoeuvre; empty where the protocol has none.
+    manoeuvres: BTreeMap<Manoeuvre, Sums>,
 }
 
 /// Scores every entrant on the windows `ids` of `set` under every protocol of `config`.
@@ -166,7 +169,7 @@ pub fn evaluate(
     let mut done = 0;
     let mut sheets = Vec::new();
     for entrant in entrants {
-        let mut gathered: Vec<BTreeMap<&str, Gatherer>> = vec![BTreeMap::new(); metrics.len()];
+        let mut gathered: Vec<Gathered<'_>> = vec![Gathered::default(); metrics.len()];
         for batch in batches(set, &ids, config.batch) {
             let windows: Vec<Window<'_>> = batch.iter().filter_map(|id| set.get(*id)).collect();
             let mut answers = BTreeMap::new();
@@ -184,27 +187,40 @@ pub fn evaluate(
             for ((id, window), by_protocol) in batch.iter().zip(&windows).zip(&contributions) {
                 let Some(recording) = set.recording(*id) else { continue };
                 let vehicle = recording.tracks()[id.track as usize].vehicle;
-                for (sites, row) in gathered.iter_mut().zip(by_protocol) {
-                    let site = window.observation().site();
-                    let gatherer = sites.entry(site).or_insert_with(|| Gatherer::new(row.len()));
-                    gatherer.add(window.observation().recording_name(), vehicle, row);
+                let (seen, manoeuvres) = (window.observation(), Manoeuvre::of(window));
+                for ((protocol, gathered), row) in metrics.keys().zip(&mut gathered).zip(by_protocol) {
+                    let new = || Gatherer::new(row.len());
+                    let site = gathered.sites.entry(seen.site()).or_insert_with(new);
+                    site.add(seen.recording_name(), vehicle, row);
+                    for manoeuvre in manoeuvres.iter().filter(|_| protocol.by_manoeuvre()) {
+                        let gatherer = gathered.manoeuvres.entry(*manoeuvre).or_insert_with(new);
+                        gatherer.add(seen.recording_name(), vehicle, row);
+                    }
                 }
             }
         }
-        for (protocol, sites) in metrics.keys().zip(gathered) {
-            sheets.push(Sheet::new(entrant, *protocol, sites));
+        for (protocol, gathered) in metrics.keys().zip(gathered) {
+            sheets.push(Sheet::new(entrant, *protocol, gathered));
         }
     }
     Ok(Evaluation { setting, metrics, sheets })
 }
 
+/// What the windows so far add to the metrics of one protocol.
+#[derive(Clone, Default)]
+struct Gathered<'a> {
+    sites: BTreeMap<&'a str, Gatherer>,
+    manoeuvres: BTreeMap<Manoeuvre, Gatherer>,
+}
+
 impl Sheet {
-    fn new(entrant: &Entrant<'_>, protocol: Protocol, sites: BTreeMap<&str, Gatherer>) -> Self {
+    fn new(entrant: &Entrant<'_>, protocol: Protocol, gathered: Gathered<'_>) -> Self {
         let mut sums: BTreeMap<String, Sums> =
-            sites.into_iter().map(|(site, gatherer)| (site.to_owned(), gatherer.finish())).collect();
+            gathered.sites.into_iter().map(|(site, gatherer)| (site.to_owned(), gatherer.finish())).collect();
         let all = Sums::concatenated(sums.values());
         sums.insert(ALL_SITES.to_owned(), all);
-        Self { model: entrant.name().to_owned(), protocol, future_input: entrant.future_input(), sums }
+        let manoeuvres = gathered.manoeuvres.into_iter().map(|(key, gatherer)| (key, gatherer.finish())).collect();
+        Self { model: entrant.name().to_owned(), protocol, future_input: entrant.future_input(), sums, manoeuvres }
     }
 }
 
@@ -215,21 +231,32 @@ impl Evaluation {
         &self.setting
     }
 
-    /// Every metric with its interval, by model, protocol and site; [`ALL_SITES`] comes last. A
-    /// metric that applies to no window of a site has no score there.
+    /// Every metric with its interval, by model, protocol and site; [`ALL_SITES`] comes last, and
+    /// under `clean` after it the manoeuvres of all sites. A metric that applies to no window of a
+    /// site has no score there.
     #[must_use]
     pub fn scores(&self, bootstrap: &Bootstrap) -> Vec<Score> {
         let mut scores = Vec::new();
         for sheet in &self.sheets {
             let all = sheet.sums.get_key_value(ALL_SITES);
             for (site, sums) in sheet.sums.iter().filter(|(site, _)| *site != ALL_SITES).chain(all) {
-                self.score_site(sheet, site, sums, bootstrap, &mut scores);
+                self.score_group(sheet, (site, None), sums, bootstrap, &mut scores);
+            }
+            for (manoeuvre, sums) in &sheet.manoeuvres {
+                self.score_group(sheet, (ALL_SITES, Some(*manoeuvre)), sums, bootstrap, &mut scores);
             }
         }
         scores
     }
 
-    fn score_site(&self, sheet: &Sheet, site: &str, sums: &Sums, bootstrap: &Bootstrap, scores: &mut Vec<Score>) {
+    fn score_group(
+        &self,
+        sheet: &Sheet,
+        (site, manoeuvre): (&str, Option<Manoeuvre>),
+        sums: &Sums,
+        bootstrap: &Bootstrap,
+        scores: &mut Vec<Score>,
+    ) {
         let Some(metrics) = self.metrics.get(&sheet.protocol) else { return };
         let kinds: Vec<_> = metrics.iter().map(|metric| metric.kind).collect();
         let intervals = bootstrap.intervals(sums, &kinds);
@@ -239,6 +266,7 @@ impl Evaluation {
             scores.push(Score {
                 dataset: self.setting.dataset,
                 site: site.to_owned(),
+                manoeuvre,
                 model: sheet.model.clone(),
                 protocol: sheet.protocol,
                 metric: metric.kind.name().to_owned(),

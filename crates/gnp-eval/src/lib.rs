@@ -2,8 +2,8 @@
 //!
 //! [`evaluate`] asks models for forecasts window by window and holds them against what happened;
 //! the [`Evaluation`] it gives knows the sums of every [`Metric`] by vehicle, from which come values
-//! with intervals ([`Score`], `metrics.json`), comparisons ([`Evaluation::difference`]) and
-//! [`Table`]s. Which metrics, and how many futures a model is asked for, is a [`Protocol`].
+//! with intervals ([`Score`], `metrics.json`), comparisons ([`Evaluation::comparisons`],
+//! `differences.json`) and [`Table`]s, by site and, under `clean`, by [`Manoeuvre`]. Which metrics, and how many futures a model is asked for, is a [`Protocol`].
 //! Forecasts go to and come from Parquet by [`PredictionWriter`] and [`read_predictions`]; what was
 //! read is a predictor in its turn, so anyone's forecasts can be scored.
 //!
@@ -12,8 +12,10 @@
 
 mod bootstrap;
 mod case;
+mod comparison;
 mod error;
 mod evaluate;
+mod manoeuvre;
 mod metric;
 mod predictions;
 mod protocol;
@@ -23,8 +25,10 @@ mod table;
 
 pub use crate::bootstrap::{Bootstrap, Difference, Interval};
 pub use crate::case::{Case, Reference};
+pub use crate::comparison::{Comparison, Verdict, save_comparisons};
 pub use crate::error::{EvalError, ForecastProblem, PredictionProblem};
 pub use crate::evaluate::{Batch, Entrant, EvalConfig, Evaluation, Setting, evaluate};
+pub use crate::manoeuvre::{BARE_CHANGE_M, BRAKE_MPS2, CHANGE_M, Manoeuvre};
 pub use crate::metric::{Direction, MISS_M, Metric, MetricKind, Unit};
 pub use crate::predictions::{
     ColumnInfo, Coverage, Detail, Prediction, PredictionWriter, Predictions, Provenance, prediction_columns,
@@ -33,4 +37,4 @@ pub use crate::predictions::{
 pub use crate::protocol::Protocol;
 pub use crate::score::{ALL_SITES, Score, load_scores, save_scores};
 pub use crate::sums::{Sums, VehicleId};
-pub use crate::table::{Table, TableHead, tables};
+pub use crate::table::{Table, TableCell, TableHead, comparison_tables, csv, tables};

@@ -7,6 +7,7 @@
 
 mod displacement;
 mod overlap;
+mod sampled;
 
 use std::fmt;
 
@@ -56,6 +57,19 @@ pub enum MetricKind {
     /// Share of the k likeliest modes whose box, turned along the path, overlaps the recorded box
     /// of another vehicle in any frame up to `h`.
     Overlap,
+    /// Share of windows in which the *recorded* box of the target, turned along its path, overlaps
+    /// that of another vehicle in any frame up to `h`: measured positions and sizes are not exact.
+    /// The floor under [`MetricKind::Overlap`], the same for every model.
+    RecordedOverlap,
+    /// Least ADE among k modes over points 0.5 s apart up to `h` (nuScenes, Waymo).
+    SampledMinAde,
+    /// Share of windows in which each of k modes is [`MISS_M`] off or more at some point, of points
+    /// 0.5 s apart up to `h` (nuScenes).
+    AnyPointMissRate,
+    /// Share of windows in which none of k modes ends in a box around the recorded centre at `h`,
+    /// turned along the recorded path: 1 m to the sides and 2 m along at 3 s, 1.8 and 3.6 m at 5 s,
+    /// 3 and 6 m at 8 s, half of that up to a present speed of 1.4 m/s, whole from 11 m/s on (Waymo).
+    BoxMissRate,
 }
 
 /// Unit of a metric's value.
@@ -98,6 +112,10 @@ impl MetricKind {
             Self::BrierMinFde => "brier_min_fde",
             Self::OffRoad => "off_road",
             Self::Overlap => "overlap",
+            Self::RecordedOverlap => "recorded_overlap",
+            Self::SampledMinAde => "min_ade_2hz",
+            Self::AnyPointMissRate => "miss_rate_any_point",
+            Self::BoxMissRate => "miss_rate_box",
         }
     }
 
@@ -105,7 +123,12 @@ impl MetricKind {
     #[must_use]
     pub fn unit(self) -> Unit {
         match self {
-            Self::MissRate | Self::OffRoad | Self::Overlap => Unit::Share,
+            Self::MissRate
+            | Self::OffRoad
+            | Self::Overlap
+            | Self::RecordedOverlap
+            | Self::AnyPointMissRate
+            | Self::BoxMissRate => Unit::Share,
             Self::BrierMinFde => Unit::Mixed,
             _ => Unit::Metre,
         }
@@ -189,15 +212,21 @@ impl Metric {
             MetricKind::Fde => Some(displacement::least_squared_at(case, 1, frames).sqrt()),
             MetricKind::MinAde => Some(displacement::least_ade(case, k, frames)),
             MetricKind::MinFde => Some(displacement::least_squared_at(case, k, frames).sqrt()),
-            MetricKind::MissRate => {
-                let missed = displacement::least_squared_at(case, k, frames).sqrt() > MISS_M;
-                Some(f64::from(u8::from(missed)))
-            }
+            MetricKind::MissRate => Some(one_if(displacement::least_squared_at(case, k, frames).sqrt() > MISS_M)),
             MetricKind::BrierMinFde => Some(displacement::brier_least_fde(case, k, frames)),
             MetricKind::OffRoad => displacement::share_off_road(case, k, frames),
             MetricKind::Overlap => Some(overlap::share(case, k, frames)),
+            MetricKind::RecordedOverlap => Some(one_if(overlap::recorded(case, frames))),
+            MetricKind::SampledMinAde => Some(sampled::least_ade(case, k, self.horizon_s)),
+            MetricKind::AnyPointMissRate => Some(one_if(sampled::every_mode_leaves(case, k, self.horizon_s))),
+            MetricKind::BoxMissRate => Some(one_if(sampled::outside_box(case, k, frames, self.horizon_s))),
         })
     }
+}
+
+/// A window that counts, or one that does not.
+fn one_if(counts: bool) -> f64 {
+    f64::from(u8::from(counts))
 }
 
 impl fmt::Display for Metric {

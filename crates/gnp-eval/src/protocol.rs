@@ -4,6 +4,11 @@
 //! The GNP paper's Table 1 sets its own numbers, which are the best of 20 goals averaged up to the
 //! horizon, beside other papers' top-1 errors at the instant. These are different quantities, so
 //! each has a protocol of its own, and no table mixes two.
+//!
+//! [`Protocol::Argoverse2`], [`Protocol::NuScenes`] and [`Protocol::Waymo`] are presets: the metrics
+//! of those benchmarks by their definitions, on the windows at hand. Their numbers of modes, miss
+//! rules and sampling are kept; their history, horizon and data are not, so no number may be set
+//! beside a leaderboard's. Waymo's mean average precision is not among them.
 
 use gnp_data::WindowShape;
 use serde::{Deserialize, Serialize};
@@ -25,11 +30,26 @@ pub enum Protocol {
     /// The headline: no future input of any kind, top-1 and best of 6 side by side (best of 20 as
     /// well), the same windows for every model.
     Clean,
+    /// Preset: minADE, minFDE, miss rate (end error above 2 m) and brier-minFDE, k = 1 and 6.
+    #[serde(rename = "av2")]
+    Argoverse2,
+    /// Preset: minADE over points 0.5 s apart, minFDE, miss rate (largest error of any such point
+    /// 2 m or more), share of modes off the road; k = 1, 5 and 10 likeliest.
+    #[serde(rename = "nuscenes")]
+    NuScenes,
+    /// Preset: minADE over points 0.5 s apart, minFDE and miss rate (outside a box along the
+    /// heading) of 6 modes at those of 3, 5 and 8 s that the windows have; box overlap of the
+    /// likeliest mode.
+    Waymo,
 }
+
+/// Horizons of the Waymo preset, s.
+const WAYMO_S: [f64; 3] = [3., 5., 8.];
 
 impl Protocol {
     /// All protocols.
-    pub const ALL: [Self; 3] = [Self::Paper, Self::Literature, Self::Clean];
+    pub const ALL: [Self; 6] =
+        [Self::Paper, Self::Literature, Self::Clean, Self::Argoverse2, Self::NuScenes, Self::Waymo];
 
     /// Name in score files, configurations and tables.
     #[must_use]
@@ -38,6 +58,9 @@ impl Protocol {
             Self::Paper => "paper",
             Self::Literature => "literature",
             Self::Clean => "clean",
+            Self::Argoverse2 => "av2",
+            Self::NuScenes => "nuscenes",
+            Self::Waymo => "waymo",
         }
     }
 
@@ -48,6 +71,9 @@ impl Protocol {
             Self::Paper => "best of k = 20, averaged up to the horizon, RMSE per coordinate",
             Self::Literature => "top-1 (k = 1), error at the instant",
             Self::Clean => "no future input, top-1 (k = 1) and best of k = 6",
+            Self::Argoverse2 => "metrics of Argoverse 2, k = 1 and 6",
+            Self::NuScenes => "metrics of nuScenes, points 0.5 s apart, the k = 1, 5 and 10 likeliest",
+            Self::Waymo => "metrics of Waymo motion, points 0.5 s apart, k = 6",
         }
     }
 
@@ -60,6 +86,8 @@ impl Protocol {
             Self::Paper => &[20],
             Self::Literature => &[1],
             Self::Clean => &[6, 20],
+            Self::Argoverse2 | Self::Waymo => &[6],
+            Self::NuScenes => &[10],
         }
     }
 
@@ -72,10 +100,11 @@ impl Protocol {
     /// Its metrics for windows of a shape, at each whole second that has a frame.
     ///
     /// # Errors
-    /// When no whole second has a frame.
+    /// When no whole second has a frame; for Waymo, none of 3, 5 and 8 s.
     pub fn metrics(self, shape: &WindowShape) -> Result<Vec<Metric>, EvalError> {
         use MetricKind as M;
         let seconds = whole_seconds(shape)?;
+        let last = seconds.last().copied().unwrap_or_default();
         let mut metrics = Vec::new();
         for second in &seconds {
             let second = *second;
@@ -95,15 +124,68 @@ impl Protocol {
                         metrics.extend([M::MinAde, M::MinFde].map(|kind| best(kind, k)));
                     }
                 }
+                Self::Waymo if WAYMO_S.contains(&second) => {
+                    metrics.extend([M::SampledMinAde, M::MinFde, M::BoxMissRate].map(|kind| best(kind, 6)));
+                    metrics.push(top(M::Overlap));
+                }
+                Self::Argoverse2 | Self::NuScenes | Self::Waymo => {}
             }
         }
-        if let (Self::Clean, Some(last)) = (self, seconds.last()) {
-            for k in [1, 6, 20] {
-                let kinds = [M::MissRate, M::BrierMinFde, M::OffRoad, M::Overlap];
-                metrics.extend(kinds.map(|kind| Metric::best_of(kind, k, *last)));
-            }
+        let at_end: (&[usize], &[M]) = match self {
+            Self::Paper | Self::Literature | Self::Waymo => (&[], &[]),
+            Self::Clean => (&[1, 6, 20], &[M::MissRate, M::BrierMinFde, M::OffRoad, M::Overlap]),
+            Self::Argoverse2 => (&[1, 6], &[M::MinAde, M::MinFde, M::MissRate, M::BrierMinFde]),
+            Self::NuScenes => (&[1, 5, 10], &[M::SampledMinAde, M::MinFde, M::AnyPointMissRate, M::OffRoad]),
+        };
+        for k in at_end.0 {
+            metrics.extend(at_end.1.iter().map(|kind| Metric::best_of(*kind, *k, last)));
+        }
+        if self == Self::Clean {
+            metrics.push(Metric::of_all(M::RecordedOverlap, last));
+        }
+        if metrics.is_empty() {
+            return Err(EvalError::Horizon {
+                horizon_s: WAYMO_S[0],
+                rate_hz: shape.rate_hz,
+                predicted: shape.predicted,
+            });
         }
         Ok(metrics)
+    }
+
+    /// The metrics by which one model is called better than another, at the last whole second.
+    ///
+    /// # Errors
+    /// As [`Protocol::metrics`].
+    pub fn headline(self, shape: &WindowShape) -> Result<Vec<Metric>, EvalError> {
+        let last = self.metrics(shape)?.iter().map(|metric| metric.horizon_s).fold(0., f64::max);
+        Ok(self.headline_at(last))
+    }
+
+    /// [`Protocol::headline`] at the last horizon of its metrics, s.
+    pub(crate) fn headline_at(self, last: f64) -> Vec<Metric> {
+        use MetricKind as M;
+        let best = |kind, k| Metric::best_of(kind, k, last);
+        match self {
+            Self::Paper => vec![best(M::MinAde, 20), best(M::MinFde, 20), best(M::RmseToPerCoordinate, 20)],
+            Self::Literature => vec![best(M::RmseAt, 1)],
+            Self::Clean => vec![
+                best(M::RmseAt, 1),
+                Metric::of_all(M::MixtureMeanRmseAt, last),
+                best(M::MinAde, 6),
+                best(M::MinFde, 6),
+                best(M::MissRate, 6),
+            ],
+            Self::Argoverse2 => vec![best(M::MinFde, 6), best(M::BrierMinFde, 6)],
+            Self::NuScenes => vec![best(M::SampledMinAde, 5), best(M::AnyPointMissRate, 5)],
+            Self::Waymo => vec![best(M::SampledMinAde, 6), best(M::BoxMissRate, 6)],
+        }
+    }
+
+    /// Whether scores are also given by [`Manoeuvre`](crate::Manoeuvre).
+    #[must_use]
+    pub(crate) fn by_manoeuvre(self) -> bool {
+        self == Self::Clean
     }
 
     /// Index into [`Protocol::asks`] of the answer a metric is taken from. Metrics of all modes
@@ -147,7 +229,8 @@ mod tests {
 
     #[test]
     fn only_clean_refuses_future_input() {
-        assert_eq!(Protocol::ALL.map(Protocol::allows_future_input), [true, true, false]);
+        let refusing: Vec<_> = Protocol::ALL.into_iter().filter(|protocol| !protocol.allows_future_input()).collect();
+        assert_eq!(refusing, [Protocol::Clean]);
     }
 
     #[test]
@@ -162,5 +245,31 @@ mod tests {
     fn protocols_do_not_mix() {
         assert!(Protocol::Literature.metrics(&SHAPE).unwrap().iter().all(|metric| metric.k == Some(1)));
         assert!(Protocol::Paper.metrics(&SHAPE).unwrap().iter().all(|metric| metric.k == Some(20)));
+    }
+
+    #[test]
+    fn headlines_are_among_the_metrics() {
+        for protocol in Protocol::ALL {
+            let metrics = protocol.metrics(&SHAPE).unwrap();
+            let headline = protocol.headline(&SHAPE).unwrap();
+            assert!(!headline.is_empty());
+            for metric in headline {
+                assert!(metrics.contains(&metric), "{}: {metric}", protocol.name());
+            }
+        }
+    }
+
+    #[test]
+    fn waymo_has_the_horizons_that_windows_reach() {
+        let seconds = |predicted| {
+            let metrics = Protocol::Waymo.metrics(&WindowShape { predicted, ..SHAPE })?;
+            let mut seconds: Vec<f64> = metrics.iter().map(|metric| metric.horizon_s).collect();
+            seconds.dedup();
+            Ok(seconds)
+        };
+        assert_eq!(seconds(80).unwrap(), [3., 5., 8.]);
+        assert_eq!(seconds(50).unwrap(), [3., 5.]);
+        let short: Result<_, EvalError> = seconds(29);
+        assert!(matches!(short, Err(EvalError::Horizon { .. })));
     }
 }

@@ -7,6 +7,7 @@ use gnp_data::Dataset;
 use serde::{Deserialize, Serialize};
 
 use crate::error::EvalError;
+use crate::manoeuvre::Manoeuvre;
 use crate::protocol::Protocol;
 
 /// In place of a site: all sites together.
@@ -20,6 +21,8 @@ pub struct Score {
     pub dataset: Dataset,
     /// The site, such as `us-101`, or [`ALL_SITES`].
     pub site: String,
+    /// Which windows of the site; null for all of them.
+    pub manoeuvre: Option<Manoeuvre>,
     /// Name of the model.
     pub model: String,
     /// The protocol.
@@ -51,9 +54,14 @@ pub struct Score {
 /// # Errors
 /// When the file cannot be written.
 pub fn save_scores(path: &Path, scores: &[Score]) -> Result<(), EvalError> {
+    save_lines(path, scores)
+}
+
+/// Writes a JSON array, one item a line.
+pub(crate) fn save_lines<T: Serialize>(path: &Path, items: &[T]) -> Result<(), EvalError> {
     let mut text = String::from("[");
-    for (i, score) in scores.iter().enumerate() {
-        let line = serde_json::to_string(score).map_err(|source| EvalError::Json { path: path.into(), source })?;
+    for (i, item) in items.iter().enumerate() {
+        let line = serde_json::to_string(item).map_err(|source| EvalError::Json { path: path.into(), source })?;
         text += if i == 0 { "\n" } else { ",\n" };
         text += &line;
     }
@@ -91,6 +99,7 @@ mod tests {
         Score {
             dataset: Dataset::HighD,
             site: "highd-2".to_owned(),
+            manoeuvre: k.map(|_| Manoeuvre::Left),
             model: "gnp".to_owned(),
             protocol: Protocol::Clean,
             metric: "min_fde".to_owned(),
@@ -115,7 +124,8 @@ mod tests {
         assert_eq!(load_scores(&path).unwrap(), scores);
         let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
         let keys: Vec<&str> = json[1].as_object().unwrap().keys().map(String::as_str).collect();
-        assert_eq!(keys.len(), 14);
+        assert_eq!(keys.len(), 15);
+        assert_eq!((&json[0]["manoeuvre"], &json[1]["manoeuvre"]), (&"left".into(), &serde_json::Value::Null));
         assert_eq!(json[0]["dataset"], "highd");
         assert_eq!(json[0]["protocol"], "clean");
         assert!(json[1]["k"].is_null() && json[1]["ci_low"].is_null());

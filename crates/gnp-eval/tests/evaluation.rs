@@ -9,13 +9,16 @@ use gnp_data::{
     Recording, RecordingMeta, Road, Track, VehicleClass, Window, WindowConfig, WindowId, WindowSet,
 };
 use gnp_eval::{
-    ALL_SITES, Batch, Bootstrap, Coverage, Detail, Entrant, EvalConfig, EvalError, ForecastProblem, Metric, MetricKind,
-    Prediction, PredictionWriter, Predictions, Protocol, Provenance, Score, TableHead, evaluate, read_predictions,
-    tables,
+    ALL_SITES, Batch, Bootstrap, Comparison, Coverage, Detail, Entrant, EvalConfig, EvalError, ForecastProblem,
+    Manoeuvre, Metric, MetricKind, Prediction, PredictionWriter, Predictions, Protocol, Provenance, Score, TableHead,
+    Verdict, evaluate, read_predictions, save_comparisons, tables,
 };
 
 const RATE_HZ: f64 = 2.;
 const FRAMES: u32 = 9;
+/// Protocols that have a metric on windows of 2 s.
+const SHORT: [Protocol; 5] =
+    [Protocol::Paper, Protocol::Literature, Protocol::Clean, Protocol::Argoverse2, Protocol::NuScenes];
 
 /// A vehicle of 4 x 2 m whose centre is at `(x0 + v t + a t²/2, y)`.
 #[derive(Clone, Copy)]
@@ -285,7 +288,7 @@ fn scores_are_the_same_bits_on_one_thread_and_on_two() {
     let model = Straight { name: "straight", drift: 0.3 };
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let scores = pool.install(|| scores_of(&recordings, &[Entrant::Predictor(&model)], &Protocol::ALL));
+        let scores = pool.install(|| scores_of(&recordings, &[Entrant::Predictor(&model)], &SHORT));
         scores.iter().map(|s| (s.value.to_bits(), s.ci_low.map(f64::to_bits), s.ci_high.map(f64::to_bits))).collect()
     };
     let (one, two): (Vec<_>, Vec<_>) = (on(1), on(2));
@@ -313,6 +316,70 @@ fn paired_difference_between_models() {
     assert!(matches!(difference("near", "none", metric), Err(EvalError::Unpaired { .. })));
     let absent = Metric::top_1(MetricKind::RmseAt, 9.);
     assert!(matches!(difference("near", "far", absent), Err(EvalError::Unpaired { .. })));
+}
+
+#[test]
+fn every_model_is_compared_with_one() {
+    let cars: Vec<Car> =
+        (1..=20).map(|i| Car { vehicle: i, x0: 30. * i as f32, y: 2., v: 20., a: -0.2 * i as f32 }).collect();
+    let recordings = [recording("a", "s", false, &cars), recording("b", "t", false, &cars[..9])];
+    let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
+    let models = [("near", 0.1), ("far", 0.5), ("same", 0.1)].map(|(name, drift)| Straight { name, drift });
+    let entrants = models.each_ref().map(|model| Entrant::Predictor(model));
+    let config = config(&[Protocol::Clean, Protocol::Literature]);
+    let evaluation = evaluate(&set, set.ids(), &entrants, &config, &mut |_| Ok(())).unwrap();
+    let rows = evaluation.comparisons("near", &config.bootstrap).unwrap();
+    // Three places, two other models, five headline metrics under one protocol and one under the other.
+    assert_eq!(rows.len(), 3 * 2 * (5 + 1));
+    let at = |b: &str, site: &str| {
+        rows.iter().find(|row| row.b == b && row.site == site && row.protocol == Protocol::Literature).unwrap()
+    };
+    assert_eq!((at("far", "s").verdict, at("same", "s").verdict), (Verdict::Better, Verdict::Open));
+    assert_eq!((at("far", ALL_SITES).windows, at("far", "t").vehicles), (29, 9));
+    let back = evaluation.comparisons("far", &config.bootstrap).unwrap();
+    assert!(back.iter().filter(|row| row.metric == "rmse_at").all(|row| row.verdict == Verdict::Worse));
+    assert!(matches!(evaluation.comparisons("none", &config.bootstrap), Err(EvalError::NotScored { .. })));
+
+    let folder = tempfile::tempdir().unwrap();
+    save_comparisons(&folder.path().join("differences.json"), &rows).unwrap();
+    let text = std::fs::read_to_string(folder.path().join("differences.json")).unwrap();
+    let read: Vec<Comparison> = serde_json::from_str(&text).unwrap();
+    let verdicts = |rows: &[Comparison]| rows.iter().map(|row| (row.b.clone(), row.verdict, row.k)).collect::<Vec<_>>();
+    assert_eq!(verdicts(&read), verdicts(&rows));
+}
+
+/// Cars 1 and 2 keep their speed, car 3 brakes with 2 m/s²: brake holds it alone, keep holds all.
+#[test]
+fn scores_come_by_manoeuvre_under_clean() {
+    let car = |vehicle, a| Car { vehicle, x0: 100. * vehicle as f32, y: 2., v: 20., a };
+    let recordings =
+        [recording("a", "s", false, &[car(1, 0.), car(2, 0.)]), recording("b", "t", false, &[car(3, -2.)])];
+    let model = Straight { name: "straight", drift: 0. };
+    let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &SHORT);
+    let of = |manoeuvre| {
+        let fde = |s: &&Score| s.metric == "fde" && s.horizon_s == 2. && s.manoeuvre == Some(manoeuvre);
+        scores.iter().filter(fde).map(|s| (s.site.as_str(), s.windows, s.value)).collect::<Vec<_>>()
+    };
+    let [(site, windows, value)] = of(Manoeuvre::Brake)[..] else { panic!("{:?}", of(Manoeuvre::Brake)) };
+    assert!((site, windows) == (ALL_SITES, 1) && (value - 5.).abs() < 1e-4, "{value}");
+    let [(_, windows, value)] = of(Manoeuvre::Keep)[..] else { panic!("{:?}", of(Manoeuvre::Keep)) };
+    assert!(windows == 3 && (value - 5. / 3.).abs() < 1e-4, "{value}");
+    assert!(of(Manoeuvre::Left).is_empty());
+    assert!(scores.iter().all(|score| score.manoeuvre.is_none() || score.protocol == Protocol::Clean));
+}
+
+/// Two recorded boxes that drive into one another: no model can be held to less.
+#[test]
+fn the_overlap_of_recorded_boxes_does_not_depend_on_the_model() {
+    let fast = Car { vehicle: 1, x0: 0., y: 2., v: 20., a: 0. };
+    let slow = Car { vehicle: 2, x0: 40., y: 2., v: 10., a: 0. };
+    let recordings = [recording("a", "s", false, &[fast, slow, Car { vehicle: 3, x0: 900., ..fast }])];
+    for drift in [0., 4.] {
+        let model = Straight { name: "straight", drift };
+        let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &[Protocol::Clean]);
+        let floor = value(&scores, "s", Metric::of_all(MetricKind::RecordedOverlap, 2.));
+        assert!((floor - 2. / 3.).abs() < 1e-12, "{floor}");
+    }
 }
 
 /// A model that gives what it must not.
@@ -435,14 +502,15 @@ fn no_score_is_given_twice() {
     let car = Car { vehicle: 1, x0: 0., y: 2., v: 20., a: 0. };
     let recordings = [recording("a", "us-101", false, &[car]), recording("b", "i-80", false, &[car])];
     let model = Straight { name: "straight", drift: 0. };
-    let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &Protocol::ALL);
+    let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &SHORT);
     let mut counts = BTreeMap::new();
     for s in &scores {
-        *counts.entry((s.protocol, &s.site, &s.metric, s.k, s.horizon_s as u32)).or_insert(0) += 1;
+        *counts.entry((s.protocol, &s.site, s.manoeuvre, &s.metric, s.k, s.horizon_s as u32)).or_insert(0) += 1;
     }
     assert!(counts.values().all(|count| *count == 1));
     let sites: Vec<&str> = scores
         .iter()
+        .filter(|s| s.manoeuvre.is_none() && s.protocol == Protocol::Clean)
         .filter(|s| s.metric == "min_fde" && s.k == Some(6) && s.horizon_s == 2.)
         .map(|s| s.site.as_str())
         .collect();

@@ -50,6 +50,11 @@ pub(super) fn share(case: &Case<'_>, k: usize, frames: usize) -> f64 {
     overlapping as f64 / k as f64
 }
 
+/// Whether the recorded boxes of the target and of another vehicle overlap in any of `frames` frames.
+pub(super) fn recorded(case: &Case<'_>, frames: usize) -> bool {
+    meets_another(case, &case.reference().path()[..frames])
+}
+
 fn meets_another(case: &Case<'_>, path: &[[f32; 2]]) -> bool {
     let reference = case.reference();
     (0..path.len()).any(|j| {
@@ -72,7 +77,7 @@ fn meets_another(case: &Case<'_>, path: &[[f32; 2]]) -> bool {
 
 /// Direction of the path at frame `j`: from the last earlier point at least [`HEADING_BASE_M`] away,
 /// the window's origin included; along the road for a vehicle that has not moved that far.
-fn heading(path: &[[f32; 2]], j: usize) -> [f32; 2] {
+pub(super) fn heading(path: &[[f32; 2]], j: usize) -> [f32; 2] {
     let earlier = path[..j].iter().rev().chain(std::iter::once(&[0.; 2]));
     for point in earlier {
         let [dx, dy] = [path[j][0] - point[0], path[j][1] - point[1]];

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::case::Reference;
+use crate::protocol::Protocol;
 
 fn forecast(modes: &[(f32, &[[f32; 2]])]) -> Forecast {
     let mode = |(probability, path): &(f32, &[[f32; 2]])| Mode {
@@ -166,4 +167,159 @@ fn lateral_and_longitudinal_errors_add_up() {
     let [across, along, whole] =
         [MetricKind::LateralRmseAt, MetricKind::LongitudinalRmseAt, MetricKind::RmseAt].map(of);
     assert!((across.hypot(along) - whole).abs() < 1e-9);
+}
+
+/// What a preset gives, by metric as shown.
+fn preset(protocol: Protocol, reference: &Reference, forecast: &Forecast, rate_hz: f64) -> Vec<(String, f64)> {
+    let shape = gnp_data::WindowShape { observed: 7, predicted: reference.path().len(), step: 1, rate_hz };
+    let metrics = protocol.metrics(&shape).unwrap();
+    metrics
+        .iter()
+        .map(|metric| {
+            let case = Case::new(reference, forecast, forecast.modes.len()).unwrap();
+            let mean = metric.contribution(&case).unwrap().unwrap_or(f64::NAN);
+            (metric.to_string(), metric.kind.value(mean))
+        })
+        .collect()
+}
+
+#[track_caller]
+fn assert_preset(found: &[(String, f64)], expected: &[(&str, f64)]) {
+    for (name, value) in expected {
+        let value_found = found.iter().find(|(found, _)| found == name).unwrap_or_else(|| panic!("{name}: {found:?}"));
+        assert!((value_found.1 - value).abs() < 1e-5, "{name}: {}, not {value}", value_found.1);
+    }
+}
+
+/// A path with the same error to the left in each frame, or one that grows.
+fn beside(reference: &Reference, offset: impl Fn(usize) -> [f32; 2]) -> Vec<[f32; 2]> {
+    reference.path().iter().enumerate().map(|(j, p)| [p[0] + offset(j)[0], p[1] + offset(j)[1]]).collect()
+}
+
+/// 10 m/s for 6 s, two frames a second. Errors to the left: mode 0 has 0.25 m more in each frame, so
+/// 0.25 to 3 m, 1.625 m on average; mode 1 has 2 m throughout; mode 2 has 4 m.
+fn urban() -> (Reference, Forecast) {
+    let reference = Reference::from_path((1..=12).map(|j| [5. * j as f32, 0.]).collect(), 2.);
+    let paths = [
+        beside(&reference, |j| [0., 0.25 * (j + 1) as f32]),
+        beside(&reference, |_| [0., 2.]),
+        beside(&reference, |_| [0., 4.]),
+    ];
+    let forecast = forecast(&[(0.6, &paths[0]), (0.3, &paths[1]), (0.1, &paths[2])]);
+    (reference, forecast)
+}
+
+/// Argoverse 2: the end error decides, missed beyond 2 m, (1 - p)² of the best mode is added.
+#[test]
+fn argoverse_2_by_hand() {
+    let (reference, forecast) = urban();
+    let found = preset(Protocol::Argoverse2, &reference, &forecast, 2.);
+    assert_preset(
+        &found,
+        &[
+            ("min_ade (k = 1, 6 s)", 1.625),
+            ("min_fde (k = 1, 6 s)", 3.),
+            ("miss_rate (k = 1, 6 s)", 1.),
+            ("brier_min_fde (k = 1, 6 s)", 3.),
+            ("min_ade (k = 6, 6 s)", 1.625),
+            ("min_fde (k = 6, 6 s)", 2.),
+            ("miss_rate (k = 6, 6 s)", 0.), // 2 m is not beyond 2 m
+            ("brier_min_fde (k = 6, 6 s)", 2. + 0.7f64.powi(2)),
+        ],
+    );
+}
+
+/// nuScenes: the largest error of any point decides, and 2 m is a miss: the same forecasts that
+/// Argoverse 2 counts as a hit are missed.
+#[test]
+fn nuscenes_by_hand() {
+    let (reference, forecast) = urban();
+    let found = preset(Protocol::NuScenes, &reference, &forecast, 2.);
+    assert_preset(
+        &found,
+        &[
+            ("min_ade_2hz (k = 1, 6 s)", 1.625),
+            ("min_fde (k = 1, 6 s)", 3.),
+            ("miss_rate_any_point (k = 1, 6 s)", 1.),
+            ("min_ade_2hz (k = 5, 6 s)", 1.625),
+            ("min_fde (k = 5, 6 s)", 2.),
+            ("miss_rate_any_point (k = 5, 6 s)", 1.),
+        ],
+    );
+    // Off by 3 m on the way and by nothing at the end: hit for Argoverse 2, missed for nuScenes.
+    let there = beside(&reference, |j| [if j == 5 { 3. } else { 0. }, 0.]);
+    let detour = self::forecast(&[(1., &there)]);
+    let value = |metric| value(metric, &reference, &detour);
+    assert_eq!(value(Metric::best_of(MetricKind::MissRate, 5, 6.)), 0.);
+    assert_eq!(value(Metric::best_of(MetricKind::AnyPointMissRate, 5, 6.)), 1.);
+    assert!((value(Metric::best_of(MetricKind::SampledMinAde, 5, 6.)) - 0.25).abs() < 1e-6);
+}
+
+/// An error of 0.4 m a second, at 25 Hz: points 0.5 to 5 s are 2.75 s on average, every other one of
+/// them between two frames.
+#[test]
+fn points_between_frames_are_interpolated() {
+    let reference = Reference::from_path((1..=125).map(|j| [0.8 * j as f32, 0.]).collect(), 25.);
+    let path = beside(&reference, |j| [0., 0.016 * (j + 1) as f32]);
+    let forecast = forecast(&[(1., &path)]);
+    let found = value(Metric::best_of(MetricKind::SampledMinAde, 6, 5.), &reference, &forecast);
+    assert!((found - 1.1).abs() < 1e-5, "{found}");
+    let of_frames = value(Metric::best_of(MetricKind::MinAde, 6, 5.), &reference, &forecast);
+    assert!((of_frames - 0.4 * 2.52).abs() < 1e-5, "{of_frames}");
+}
+
+/// Waymo: a box along the heading, whole at 20 m/s.
+///
+/// | | 3 s: 2 m along, 1 m beside | 5 s: 3.6 m along, 1.8 m beside |
+/// |---|---|---|
+/// | mode 0, 1.9 m along and 1.1 m to the left | outside | inside |
+/// | mode 1, 2.1 m along | outside | inside |
+/// | mode 2, 3.7 m along from 4 s on | inside | outside |
+#[test]
+fn waymo_by_hand() {
+    let reference = Reference::from_path((1..=10).map(|j| [10. * j as f32, 0.]).collect(), 2.);
+    let paths = [
+        beside(&reference, |_| [1.9, 1.1]),
+        beside(&reference, |_| [2.1, 0.]),
+        beside(&reference, |j| [if j < 7 { 0. } else { 3.7 }, 0.]),
+    ];
+    let only = |modes: &[usize]| {
+        let share = 1. / modes.len() as f32;
+        let modes: Vec<(f32, &[[f32; 2]])> = modes.iter().map(|m| (share, &paths[*m][..])).collect();
+        preset(Protocol::Waymo, &reference, &forecast(&modes), 2.)
+    };
+    let (at_3, at_5) = ("miss_rate_box (k = 6, 3 s)", "miss_rate_box (k = 6, 5 s)");
+    assert_preset(&only(&[0]), &[(at_3, 1.), (at_5, 0.)]);
+    assert_preset(&only(&[1]), &[(at_3, 1.), (at_5, 0.)]);
+    assert_preset(&only(&[2]), &[(at_3, 0.), (at_5, 1.)]);
+    assert_preset(&only(&[0, 1]), &[(at_3, 1.), (at_5, 0.)]);
+    let all = only(&[1, 0, 2]);
+    assert_preset(&all, &[(at_3, 0.), (at_5, 0.)]);
+    // Ten points to 5 s: mode 2 is off by 3.7 m in the last three of them.
+    assert_preset(&all, &[("min_ade_2hz (k = 6, 3 s)", 0.), ("min_ade_2hz (k = 6, 5 s)", 1.11)]);
+    assert_preset(&all, &[("min_fde (k = 6, 5 s)", 2.1), ("overlap (k = 1, 5 s)", 0.)]);
+    assert!(!all.iter().any(|(name, _)| name.contains("8 s")), "windows of 5 s have no 8 s");
+}
+
+/// The box follows the heading, and shrinks with the present speed: halved to 1.4 m/s, three quarters
+/// at 6.2 m/s, whole from 11 m/s.
+#[test]
+fn waymos_box_turns_and_shrinks() {
+    let missed = |speed: f32, offset: [f32; 2], direction: [f32; 2]| {
+        let step = speed / 2.;
+        let path = (1..=6).map(|j| [step * j as f32 * direction[0], step * j as f32 * direction[1]]).collect();
+        let reference = Reference::from_path(path, 2.);
+        let path = beside(&reference, |_| offset);
+        value(Metric::best_of(MetricKind::BoxMissRate, 6, 3.), &reference, &forecast(&[(1., &path)])) == 1.
+    };
+    let along = [1., 0.];
+    for (speed, reach) in [(20., 2.), (11., 2.), (6.2, 1.5), (1.4, 1.), (0.5, 1.)] {
+        assert!(!missed(speed, [reach - 0.01, 0.], along), "{speed} m/s");
+        assert!(missed(speed, [reach + 0.01, 0.], along), "{speed} m/s");
+        assert!(!missed(speed, [0., reach / 2. - 0.01], along), "{speed} m/s");
+        assert!(missed(speed, [0., reach / 2. + 0.01], along), "{speed} m/s");
+    }
+    // 1.5 m along a heading of 3 : 4 is inside, 1.5 m across it is not.
+    assert!(!missed(20., [0.9, 1.2], [0.6, 0.8]));
+    assert!(missed(20., [-1.2, 0.9], [0.6, 0.8]));
 }

@@ -1,0 +1,323 @@
+//! What stands in which table.
+
+use crate::bootstrap::Interval;
+use crate::comparison::{Comparison, Verdict};
+use crate::manoeuvre::Manoeuvre;
+use crate::metric::{Metric, MetricKind};
+use crate::protocol::Protocol;
+use crate::score::{ALL_SITES, Score};
+use crate::table::{Table, TableCell, TableHead};
+
+/// A column: one metric, or several set as `a/b/c`.
+struct Column {
+    title: String,
+    metrics: Vec<Metric>,
+    interval: bool,
+}
+
+/// Tables of scores: one for each dataset, protocol and site among them, in the order in which they
+/// first appear; rows in the order of the models. All sites together come last, and only where there
+/// are several. Under `clean` a second table of each site has further metrics, and one table of all
+/// sites has a row for each model and [`Manoeuvre`].
+#[must_use]
+pub fn tables(scores: &[Score], head: &TableHead) -> Vec<Table> {
+    let mut tables = Vec::new();
+    for kind in distinct(scores.iter().map(|score| (score.dataset, score.protocol))) {
+        let of_kind = || scores.iter().filter(move |score| (score.dataset, score.protocol) == kind);
+        let whole = || of_kind().filter(|score| score.manoeuvre.is_none());
+        for site in sites(whole().map(|score| score.site.as_str())) {
+            let of_site: Vec<&Score> = whole().filter(|score| score.site == site).collect();
+            let last = horizons(&of_site).last().copied().unwrap_or_default();
+            let part = Part { site, protocol: kind.1, scores: &of_site, head };
+            tables.push(part.table(false, columns(kind.1, &of_site)));
+            if kind.1 == Protocol::Clean {
+                tables.push(part.table(true, further(last)));
+            }
+        }
+        let parted: Vec<&Score> = of_kind().filter(|score| score.manoeuvre.is_some()).collect();
+        if !parted.is_empty() {
+            tables.push(by_manoeuvre(kind.1, &parted, head));
+        }
+    }
+    tables
+}
+
+/// Tables of differences: one for each protocol and site, one row for each other model.
+#[must_use]
+pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Table> {
+    let mut tables = Vec::new();
+    for kind in distinct(comparisons.iter().map(|row| (row.dataset, row.protocol, row.site.as_str(), row.a.as_str()))) {
+        let of_kind: Vec<&Comparison> = comparisons
+            .iter()
+            .filter(|row| (row.dataset, row.protocol, row.site.as_str(), row.a.as_str()) == kind)
+            .collect();
+        let (_, protocol, site, model) = kind;
+        let metrics = distinct(of_kind.iter().map(|row| (row.metric.as_str(), row.k, row.horizon_s)));
+        let title = |(metric, k, horizon_s): &(&str, Option<usize>, f64)| match k {
+            Some(k) => format!("{metric}_{k} {horizon_s} s"),
+            None => format!("{metric} {horizon_s} s"),
+        };
+        let row = |other: &str, told: bool| {
+            let cells = metrics.iter().map(|metric| {
+                let found =
+                    of_kind.iter().find(|row| row.b == other && (row.metric.as_str(), row.k, row.horizon_s) == *metric);
+                found.map_or_else(|| TableCell::plain("-"), |row| difference_cell(row))
+            });
+            std::iter::once(TableCell::plain(named(other, told))).chain(cells).collect()
+        };
+        let others = distinct(of_kind.iter().map(|row| (row.b.as_str(), row.future_input)));
+        let simulated = if of_kind.iter().any(|row| row.simulated) { ", *simulated*" } else { "" };
+        let place = site_name(site);
+        tables.push(Table {
+            name: format!("{} {place} differences", protocol.name()),
+            detail: true,
+            caption: format!(
+                "{place}{simulated}: protocol {}, {model} minus the model of the row on the same windows, split by {}, \
+                 {} Hz. Below zero {model} is better; + and - mark where the interval (95 %, vehicles resampled for \
+                 both together) leaves out zero: + for {model}, - against it.",
+                protocol.name(),
+                head.split,
+                head.rate_hz
+            ),
+            header: std::iter::once(format!("{model} minus")).chain(metrics.iter().map(title)).collect(),
+            rows: others.iter().map(|(other, told)| row(other, *told)).collect(),
+        });
+    }
+    tables
+}
+
+fn difference_cell(row: &Comparison) -> TableCell {
+    let mark = match row.verdict {
+        Verdict::Better => " +",
+        Verdict::Worse => " -",
+        Verdict::Open => "",
+    };
+    TableCell { text: format!("{:.2}{mark}", row.value), interval: interval(row.ci_low, row.ci_high) }
+}
+
+fn interval(low: Option<f64>, high: Option<f64>) -> Option<Interval> {
+    Some(Interval { low: low?, high: high? })
+}
+
+/// Each item once, in the order of first appearance.
+fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut seen = Vec::new();
+    for item in items {
+        if !seen.contains(&item) {
+            seen.push(item);
+        }
+    }
+    seen
+}
+
+/// The sites in order, all of them together last and only where there are several.
+fn sites<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut sites = distinct(names);
+    sites.sort_by_key(|site| *site == ALL_SITES);
+    if let [_, ALL_SITES] = sites[..] {
+        sites.pop();
+    }
+    sites
+}
+
+fn site_name(site: &str) -> &str {
+    if site == ALL_SITES { "all sites" } else { site }
+}
+
+fn named(model: &str, future_input: bool) -> String {
+    if future_input { format!("{model} (future input)") } else { model.to_owned() }
+}
+
+/// The scores of one site under one protocol.
+struct Part<'a> {
+    site: &'a str,
+    protocol: Protocol,
+    scores: &'a [&'a Score],
+    head: &'a TableHead,
+}
+
+impl Part<'_> {
+    fn table(&self, detail: bool, columns: Vec<Column>) -> Table {
+        let models = distinct(self.scores.iter().map(|score| (score.model.as_str(), score.future_input)));
+        let row = |(model, future_input): &(&str, bool)| {
+            let is_own = |s: &&&Score| (s.model.as_str(), s.future_input) == (*model, *future_input);
+            let own: Vec<&Score> = self.scores.iter().filter(is_own).copied().collect();
+            let cells = columns.iter().map(|column| cell(column, &own));
+            std::iter::once(TableCell::plain(named(model, *future_input))).chain(cells).collect()
+        };
+        let site = site_name(self.site);
+        let mut caption = caption(site, self.protocol, self.scores, self.head);
+        if detail {
+            caption += &overlap_floor(self.scores);
+        }
+        Table {
+            name: format!("{} {site}{}", self.protocol.name(), if detail { " further" } else { "" }),
+            detail,
+            caption,
+            header: std::iter::once("model".to_owned()).chain(columns.iter().map(|c| c.title.clone())).collect(),
+            rows: models.iter().map(row).collect(),
+        }
+    }
+}
+
+/// How often recorded boxes overlap: no forecast can be held to less.
+fn overlap_floor(scores: &[&Score]) -> String {
+    let floor = scores.iter().find(|score| score.metric == MetricKind::RecordedOverlap.name());
+    floor.map_or_else(String::new, |score| {
+        format!(" Recorded boxes overlap in a share of {:.3} of the windows: the floor under overlap.", score.value)
+    })
+}
+
+/// One row a model and manoeuvre.
+fn by_manoeuvre(protocol: Protocol, scores: &[&Score], head: &TableHead) -> Table {
+    use MetricKind as M;
+    let last = horizons(scores).last().copied().unwrap_or_default();
+    let columns = [
+        single(format!("RMSE {last} s"), Metric::top_1(M::RmseAt, last), true),
+        single("lateral RMSE", Metric::top_1(M::LateralRmseAt, last), false),
+        single("longitudinal RMSE", Metric::top_1(M::LongitudinalRmseAt, last), false),
+        single("minADE_6", Metric::best_of(M::MinAde, 6, last), false),
+        single("minFDE_6", Metric::best_of(M::MinFde, 6, last), true),
+        single("miss rate_6", Metric::best_of(M::MissRate, 6, last), false),
+    ];
+    let mut rows = Vec::new();
+    for manoeuvre in Manoeuvre::ALL {
+        let of_group = || scores.iter().filter(move |score| score.manoeuvre == Some(manoeuvre)).copied();
+        for (model, told) in distinct(of_group().map(|score| (score.model.as_str(), score.future_input))) {
+            let own: Vec<&Score> = of_group().filter(|s| (s.model.as_str(), s.future_input) == (model, told)).collect();
+            let windows = own.first().map_or_else(|| "-".to_owned(), |score| score.windows.to_string());
+            let name = TableCell::plain(format!("{}: {}", manoeuvre.name(), named(model, told)));
+            let cells = columns.iter().map(|column| cell(column, &own));
+            rows.push([name, TableCell::plain(windows)].into_iter().chain(cells).collect());
+        }
+    }
+    let titles = columns.iter().map(|column| column.title.clone());
+    Table {
+        name: format!("{} all sites by manoeuvre", protocol.name()),
+        detail: true,
+        caption: caption("all sites, by what the vehicle did", protocol, scores, head),
+        header: ["manoeuvre: model".to_owned(), "windows".to_owned()].into_iter().chain(titles).collect(),
+        rows,
+    }
+}
+
+fn horizons(scores: &[&Score]) -> Vec<f64> {
+    let mut seconds: Vec<f64> = scores.iter().map(|score| score.horizon_s).collect();
+    seconds.sort_by(f64::total_cmp);
+    seconds.dedup();
+    seconds
+}
+
+fn single(title: impl Into<String>, metric: Metric, interval: bool) -> Column {
+    Column { title: title.into(), metrics: vec![metric], interval }
+}
+
+fn columns(protocol: Protocol, scores: &[&Score]) -> Vec<Column> {
+    use MetricKind as M;
+    let seconds = horizons(scores);
+    let last = seconds.last().copied().unwrap_or_default();
+    let rmse = |second: &f64| single(format!("RMSE {second} s"), Metric::top_1(M::RmseAt, *second), *second == last);
+    let as_printed = |second: &f64| Column {
+        title: format!("ADE/FDE/RMSE {second} s"),
+        metrics: [M::MinAde, M::MinFde, M::RmseToPerCoordinate].map(|kind| Metric::best_of(kind, 20, *second)).into(),
+        interval: false,
+    };
+    let best =
+        |title: &str, kind, k, interval| single(format!("{title}_{k}"), Metric::best_of(kind, k, last), interval);
+    match protocol {
+        Protocol::Paper => seconds.iter().map(as_printed).collect(),
+        Protocol::Literature => seconds.iter().map(rmse).collect(),
+        Protocol::Clean => {
+            let rest = [
+                single("ADE", Metric::top_1(M::Ade, last), false),
+                single("FDE", Metric::top_1(M::Fde, last), false),
+                best("minADE", M::MinAde, 6, false),
+                best("minFDE", M::MinFde, 6, true),
+                best("miss rate", M::MissRate, 6, false),
+            ];
+            seconds.iter().map(rmse).chain(rest).collect()
+        }
+        Protocol::Argoverse2 => vec![
+            best("minADE", M::MinAde, 1, false),
+            best("minFDE", M::MinFde, 1, true),
+            best("miss rate", M::MissRate, 1, false),
+            best("minADE", M::MinAde, 6, false),
+            best("minFDE", M::MinFde, 6, true),
+            best("miss rate", M::MissRate, 6, false),
+            best("brier-minFDE", M::BrierMinFde, 6, false),
+        ],
+        Protocol::NuScenes => vec![
+            best("minFDE", M::MinFde, 1, true),
+            best("minADE", M::SampledMinAde, 5, true),
+            best("minADE", M::SampledMinAde, 10, false),
+            best("miss rate", M::AnyPointMissRate, 5, false),
+            best("miss rate", M::AnyPointMissRate, 10, false),
+            best("off-road", M::OffRoad, 10, false),
+        ],
+        Protocol::Waymo => seconds
+            .iter()
+            .flat_map(|second| {
+                let at = |title: &str, kind, k| {
+                    single(format!("{title} {second} s"), Metric::best_of(kind, k, *second), false)
+                };
+                [
+                    at("minADE", M::SampledMinAde, 6),
+                    at("minFDE", M::MinFde, 6),
+                    at("miss rate", M::BoxMissRate, 6),
+                    at("overlap_1", M::Overlap, 1),
+                ]
+            })
+            .collect(),
+    }
+}
+
+/// What the first table of `clean` has no room for.
+fn further(last: f64) -> Vec<Column> {
+    use MetricKind as M;
+    let best = |title: &str, kind, k| single(format!("{title}_{k}"), Metric::best_of(kind, k, last), false);
+    vec![
+        single("mean RMSE", Metric::of_all(M::MixtureMeanRmseAt, last), true),
+        single("lateral RMSE", Metric::top_1(M::LateralRmseAt, last), false),
+        single("longitudinal RMSE", Metric::top_1(M::LongitudinalRmseAt, last), false),
+        best("minADE", M::MinAde, 20),
+        best("minFDE", M::MinFde, 20),
+        best("brier-minFDE", M::BrierMinFde, 6),
+        best("off-road", M::OffRoad, 6),
+        best("overlap", M::Overlap, 1),
+        best("overlap", M::Overlap, 6),
+    ]
+}
+
+fn cell(column: &Column, scores: &[&Score]) -> TableCell {
+    let find = |metric: &Metric| {
+        let wanted = |s: &&&Score| s.metric == metric.kind.name() && s.k == metric.k && s.horizon_s == metric.horizon_s;
+        scores.iter().find(wanted).copied()
+    };
+    let found: Vec<Option<&Score>> = column.metrics.iter().map(find).collect();
+    let text = |score: &Option<&Score>| score.map_or_else(|| "-".to_owned(), |score| format!("{:.2}", score.value));
+    let own = found.first().copied().flatten().filter(|_| column.interval);
+    TableCell {
+        text: found.iter().map(text).collect::<Vec<_>>().join("/"),
+        interval: own.and_then(|score| interval(score.ci_low, score.ci_high)),
+    }
+}
+
+fn caption(site: &str, protocol: Protocol, scores: &[&Score], head: &TableHead) -> String {
+    let simulated = if scores.iter().any(|score| score.simulated) { ", *simulated*" } else { "" };
+    let span = |counts: Vec<u64>| {
+        let (least, most) = (counts.iter().min().copied().unwrap_or(0), counts.iter().max().copied().unwrap_or(0));
+        if least == most { format!("{most}") } else { format!("{least} to {most}") }
+    };
+    // Off-road does not apply everywhere; the other metrics count the windows of a model.
+    let counted: Vec<&&Score> = scores.iter().filter(|s| s.metric != MetricKind::OffRoad.name()).collect();
+    let windows = span(counted.iter().map(|score| score.windows).collect());
+    let vehicles = span(counted.iter().map(|score| score.vehicles as u64).collect());
+    format!(
+        "{site}{simulated}: protocol {} ({}), split by {}, {} Hz, {windows} windows, {vehicles} vehicles. \
+         Lengths in m; intervals of 95 % by vehicle.",
+        protocol.name(),
+        protocol.summary(),
+        head.split,
+        head.rate_hz,
+    )
+}

@@ -1,0 +1,193 @@
+//! What tables say, and that they fit.
+
+use gnp_data::{Dataset, WindowShape};
+
+use super::*;
+use crate::comparison::{Comparison, Verdict};
+use crate::manoeuvre::Manoeuvre;
+use crate::metric::Metric;
+use crate::protocol::Protocol;
+use crate::score::{ALL_SITES, Score};
+
+/// A score for every metric of a protocol; values grow by metric.
+fn scores(protocol: Protocol, site: &str, model: &str, start: f64) -> Vec<Score> {
+    let shape = WindowShape { observed: 31, predicted: 50, step: 1, rate_hz: 10. };
+    let metrics = protocol.metrics(&shape).unwrap();
+    let score = |(i, metric): (usize, &Metric)| Score {
+        dataset: Dataset::Ngsim,
+        site: site.to_owned(),
+        manoeuvre: None,
+        model: model.to_owned(),
+        protocol,
+        metric: metric.kind.name().to_owned(),
+        k: metric.k,
+        horizon_s: metric.horizon_s,
+        value: start + 0.01 * i as f64,
+        ci_low: Some(start - 1.),
+        ci_high: Some(start + 1.),
+        windows: 1234,
+        vehicles: 56,
+        simulated: false,
+        future_input: model.contains("oracle"),
+    };
+    metrics.iter().enumerate().map(score).collect()
+}
+
+/// Scores of one manoeuvre on all sites.
+fn parted(model: &str, manoeuvre: Manoeuvre) -> Vec<Score> {
+    let mut scores = scores(Protocol::Clean, ALL_SITES, model, 3.);
+    for score in &mut scores {
+        (score.manoeuvre, score.windows) = (Some(manoeuvre), 71);
+    }
+    scores
+}
+
+fn head() -> TableHead {
+    TableHead { split: "recording".to_owned(), rate_hz: 10. }
+}
+
+#[test]
+fn a_table_states_what_its_numbers_rest_on() {
+    let table = &tables(&scores(Protocol::Clean, "us-101", "gnp", 5.), &head())[0];
+    for text in [table.terminal(), table.markdown()] {
+        let flat = text.replace('\n', " ");
+        for stated in ["us-101", "clean", "split by recording", "k = 6", "10 Hz", "1234 windows", "56 vehicles"] {
+            assert!(flat.contains(stated), "{stated}: {text}");
+        }
+        assert!(!text.contains("simulated"), "{text}");
+    }
+    assert_eq!(table.header[1..6], ["RMSE 1 s", "RMSE 2 s", "RMSE 3 s", "RMSE 4 s", "RMSE 5 s"]);
+    assert_eq!(table.header[6..], ["ADE", "FDE", "minADE_6", "minFDE_6", "miss rate_6"]);
+}
+
+#[test]
+fn simulated_is_said_as_soon_as_one_recording_is() {
+    let mut scores = scores(Protocol::Literature, "highd-2", "gnp", 5.);
+    scores[3].simulated = true;
+    let table = &tables(&scores, &head())[0];
+    assert!(table.terminal().contains("*simulated*") && table.markdown().contains("*simulated*"));
+}
+
+#[test]
+fn terminal_tables_fit_a_hundred_columns() {
+    for protocol in Protocol::ALL {
+        let mut all = scores(protocol, "us-101", "gnp", 105.);
+        all.extend(scores(protocol, "us-101", "constant acceleration of the last second", 10.));
+        all.extend(scores(protocol, "us-101", "gnp, oracle neighbours", 5.));
+        all.extend(parted("gnp, oracle neighbours", Manoeuvre::Right));
+        for table in tables(&all, &head()) {
+            let text = table.terminal();
+            let widest = text.lines().map(|line| line.chars().count()).max().unwrap();
+            assert!(widest <= 100, "{widest} columns:\n{text}");
+        }
+    }
+}
+
+#[test]
+fn markdown_rows_hold_values_and_intervals() {
+    let text = tables(&scores(Protocol::Literature, "i-80", "a|b", 2.), &head())[0].markdown();
+    // rmse_at and rmse_at_by_vehicle alternate, so RMSE grows by 0.02 a second.
+    assert!(text.contains("\n| a\\|b | 2.00 | 2.02 | 2.04 | 2.06 | 2.08 (1.00 to 3.00) |\n"), "{text}");
+    assert!(text.contains("\n| --- | ---: | ---: | ---: | ---: | ---: |\n"), "{text}");
+}
+
+#[test]
+fn the_papers_column_is_set_as_printed() {
+    let table = &tables(&scores(Protocol::Paper, "i-80", "gnp", 1.), &head())[0];
+    // min_ade, min_fde, rmse_to, rmse_to_per_coordinate at 1 s.
+    assert_eq!(table.rows[0][1].text, "1.00/1.01/1.03");
+}
+
+#[test]
+fn future_input_is_marked_and_missing_numbers_are_dashes() {
+    let mut all = scores(Protocol::Literature, "i-80", "oracle", 2.);
+    all.retain(|score| score.horizon_s != 3.);
+    all.extend(scores(Protocol::Literature, "i-80", "gnp", 2.));
+    let table = &tables(&all, &head())[0];
+    assert_eq!(table.rows[0][0].text, "oracle (future input)");
+    assert_eq!(table.rows[0][3].text, "-");
+    assert_eq!(table.rows[1][0].text, "gnp");
+}
+
+#[test]
+fn all_sites_get_a_table_only_when_there_are_several() {
+    let mut one = scores(Protocol::Clean, "us-101", "gnp", 5.);
+    one.extend(scores(Protocol::Clean, ALL_SITES, "gnp", 5.));
+    let main = |scores: &[Score]| tables(scores, &head()).into_iter().filter(|table| !table.detail).collect::<Vec<_>>();
+    assert_eq!(main(&one).len(), 1);
+    let mut two = scores(Protocol::Clean, "i-80", "gnp", 4.);
+    two.extend(one);
+    let captions: Vec<String> = main(&two).into_iter().map(|table| table.caption).collect();
+    let starts: Vec<&str> = captions.iter().map(|caption| caption.split(':').next().unwrap()).collect();
+    assert_eq!(starts, ["i-80", "us-101", "all sites"]);
+}
+
+#[test]
+fn manoeuvres_are_rows_of_one_table() {
+    let mut all = scores(Protocol::Clean, "us-101", "gnp", 5.);
+    all.extend(parted("gnp", Manoeuvre::Brake));
+    all.extend(parted("gnp", Manoeuvre::Left));
+    let tables = tables(&all, &head());
+    let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
+    assert_eq!(names, ["clean us-101", "clean us-101 further", "clean all sites by manoeuvre"]);
+    let rows: Vec<[&str; 2]> = tables[2].rows.iter().map(|row| [row[0].text.as_str(), row[1].text.as_str()]).collect();
+    assert_eq!(rows, [["left: gnp", "71"], ["brake: gnp", "71"]]);
+    assert_eq!(tables[0].rows.len(), 1, "manoeuvres stay out of the other tables");
+}
+
+#[test]
+fn the_floor_under_overlap_is_said() {
+    let mut all = scores(Protocol::Clean, "us-101", "gnp", 5.);
+    for score in all.iter_mut().filter(|score| score.metric == "recorded_overlap") {
+        score.value = 0.0625;
+    }
+    let further = &tables(&all, &head())[1];
+    assert!(further.caption.contains("share of 0.062 of the windows"), "{}", further.caption);
+}
+
+#[test]
+fn csv_has_a_line_a_cell() {
+    let table = Table {
+        name: "clean us-101, \"all\"".to_owned(),
+        detail: false,
+        caption: String::new(),
+        header: ["model", "RMSE 5 s", "ADE"].map(str::to_owned).into(),
+        rows: vec![vec![
+            TableCell::plain("gnp"),
+            TableCell { text: "5.12".to_owned(), interval: Some(Interval { low: 4.5, high: 6. }) },
+            TableCell::plain("-"),
+        ]],
+    };
+    let expected = "table,row,column,value,low,high\n\
+        \"clean us-101, \"\"all\"\"\",gnp,RMSE 5 s,5.12,4.5000,6.0000\n\
+        \"clean us-101, \"\"all\"\"\",gnp,ADE,-,,\n";
+    assert_eq!(csv(&[table]), expected);
+}
+
+#[test]
+fn differences_say_who_is_better() {
+    let comparison = |b: &str, value, verdict, future_input| Comparison {
+        dataset: Dataset::Ngsim,
+        site: "us-101".to_owned(),
+        protocol: Protocol::Literature,
+        metric: "rmse_at".to_owned(),
+        k: Some(1),
+        horizon_s: 5.,
+        a: "gnp".to_owned(),
+        b: b.to_owned(),
+        value,
+        ci_low: Some(value - 0.5),
+        ci_high: Some(value + 0.5),
+        share_better: 0.9,
+        verdict,
+        windows: 1234,
+        vehicles: 56,
+        simulated: false,
+        future_input,
+    };
+    let rows = [comparison("cv", -1.2, Verdict::Better, false), comparison("pip", 0.8, Verdict::Worse, true)];
+    let text = comparison_tables(&rows, &head())[0].markdown();
+    assert!(text.contains("| gnp minus | rmse_at_1 5 s |"), "{text}");
+    assert!(text.contains("| cv | -1.20 + (-1.70 to -0.70) |"), "{text}");
+    assert!(text.contains("| pip (future input) | 0.80 - (0.30 to 1.30) |"), "{text}");
+}
