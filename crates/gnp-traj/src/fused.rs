@@ -96,7 +96,7 @@ impl Fused {
         let flat = weights.iter().map(Tensor::flatten_all).collect::<Result<Vec<_>>>()?;
         let flat = Tensor::cat(&flat, 0)?.to_vec1::<f32>()?;
         let batch = Batch::new(cfg, scene, sizes, phase)?;
-        let net = self.layout.maps.map(|dense| Packed::new(dense, &flat));
+        let net = self.layout.maps.map(|dense| Packed::new(dense, &flat, false));
         let chunks = batch.chunks();
         let outcomes: Vec<Outcome> = chunks
             .par_iter()
@@ -178,7 +178,7 @@ impl CustomOp1 for Operation {
     fn cpu_fwd(&self, storage: &CpuStorage, strides: &Strides) -> Result<(CpuStorage, Shape)> {
         let Some((start, end)) = strides.contiguous_offsets() else { candle_core::bail!("flat weights are strided") };
         let flat = &storage.as_slice::<f32>()?[start..end];
-        let net = Arc::new(self.fused.layout.maps.map(|dense| Packed::new(dense, flat)));
+        let net = Arc::new(self.fused.layout.maps.map(|dense| Packed::new(dense, flat, self.keep)));
         let chunks = self.batch.chunks();
         let room = self.fused.tape_values / self.batch.tape_values(&net).max(1);
         let done: Vec<(Vec<f32>, Option<Tape>)> = chunks

@@ -125,13 +125,14 @@ pub(crate) struct Packed {
     /// From inputs to outputs.
     pub(crate) forward: Panels,
     pub(crate) bias: Vec<f32>,
-    /// From the gradients of outputs to those of inputs.
+    /// From the gradients of outputs to those of inputs; empty without an adjoint.
     pub(crate) backward: Panels,
     pub(crate) inputs: usize,
 }
 
 impl Packed {
-    pub(crate) fn new(dense: &Dense, flat: &[f32]) -> Self {
+    /// Packs the weights of one map; those of the adjoint only if there will be one.
+    pub(crate) fn new(dense: &Dense, flat: &[f32], adjoint: bool) -> Self {
         let (inputs, outputs) = (dense.inputs(), dense.outputs());
         let mut matrix = vec![0.; outputs * inputs];
         dense.stretches(|range, output, input| {
@@ -143,14 +144,8 @@ impl Packed {
                 *bias += value;
             }
         });
-        let forward = Panels::pack(dense.depth(), outputs, |input, values| {
-            for (output, value) in values.iter_mut().enumerate() {
-                *value = matrix[output * inputs + input];
-            }
-        });
-        let backward = Panels::pack(dense.used_outputs(), inputs, |output, values| {
-            values.copy_from_slice(&matrix[output * inputs..][..inputs]);
-        });
+        let forward = Panels::pack_transposed(&matrix, inputs, dense.depth(), outputs);
+        let backward = Panels::pack(&matrix, if adjoint { dense.used_outputs() } else { 0 }, inputs);
         Self { forward, bias, backward, inputs }
     }
 

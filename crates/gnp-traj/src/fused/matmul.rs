@@ -19,22 +19,30 @@ pub(crate) struct Panels {
 }
 
 impl Panels {
-    /// Packs the matrix whose row `i` `row(i, values)` writes into `values` `[width]`; `width` is a
-    /// multiple of a cache line.
-    pub(crate) fn pack(depth: usize, width: usize, row: impl FnMut(usize, &mut [f32])) -> Self {
-        Self::pack_in(panel_width(), depth, width, row)
+    /// Packs `matrix` `[depth, width]`; `width` is a multiple of a cache line.
+    pub(crate) fn pack(matrix: &[f32], depth: usize, width: usize) -> Self {
+        Self::pack_in(panel_width(), depth, width, |i, from, part| {
+            part.copy_from_slice(&matrix[i * width + from..][..part.len()]);
+        })
     }
 
-    /// Packs into panels of a width that is that of two vectors.
-    fn pack_in(panel: usize, depth: usize, width: usize, mut row: impl FnMut(usize, &mut [f32])) -> Self {
+    /// Packs the transpose of `matrix` `[width, stride]`, of which the first `depth` columns are used.
+    pub(crate) fn pack_transposed(matrix: &[f32], stride: usize, depth: usize, width: usize) -> Self {
+        Self::pack_in(panel_width(), depth, width, |i, from, part| {
+            for (o, value) in part.iter_mut().enumerate() {
+                *value = matrix[(from + o) * stride + i];
+            }
+        })
+    }
+
+    /// Packs into panels of the width of two vectors; `fill(i, from, part)` writes what row `i` has from
+    /// column `from` on.
+    fn pack_in(panel: usize, depth: usize, width: usize, fill: impl Fn(usize, usize, &mut [f32])) -> Self {
         let mut data = Aligned::zeros(depth * width);
-        let mut values = vec![0.; width];
-        for i in 0..depth {
-            values.fill(0.);
-            row(i, &mut values);
-            for (p, part) in values.chunks(panel).enumerate() {
-                let start = p * panel * depth + i * part.len();
-                data[start..start + part.len()].copy_from_slice(part);
+        for from in (0..width).step_by(panel) {
+            let part = panel.min(width - from);
+            for (i, part) in data[from * depth..(from + part) * depth].chunks_exact_mut(part).enumerate() {
+                fill(i, from, part);
             }
         }
         Self { data, depth, width }
@@ -328,8 +336,10 @@ mod tests {
         let (depth, width, stride) = (37, 48, 40);
         let (matrix, bias) = (values(depth * width, 1), values(width, 2));
         with_each_width(|product, _, panel| {
-            let row = |i: usize, row: &mut [f32]| row.copy_from_slice(&matrix[i * width..][..width]);
-            let weights = Panels::pack_in(panel, depth, width, row);
+            let fill = |i: usize, from: usize, part: &mut [f32]| {
+                part.copy_from_slice(&matrix[i * width + from..][..part.len()]);
+            };
+            let weights = Panels::pack_in(panel, depth, width, fill);
             for count in 1..20 {
                 let x = values(count * stride, count);
                 let sums = |start: &dyn Fn(usize) -> f32, relu: bool| -> Vec<f32> {
@@ -383,7 +393,7 @@ mod tests {
 
     #[test]
     fn bad_weights_show() {
-        let weights = Panels::pack(1, 16, |_, row| row.fill(f32::NAN));
+        let weights = Panels::pack(&[f32::NAN; 16], 1, 16);
         let mut y = vec![0.; 16];
         product(1, Rows { data: &[1.], stride: 1 }, &weights, Start::Zero, true, RowsMut { data: &mut y, stride: 16 });
         assert!(y.iter().all(|y| y.is_nan()));
