@@ -1,0 +1,67 @@
+//! Why a learned baseline could not be made, trained or read.
+
+use std::path::{Path, PathBuf};
+
+use gnp_train::TrainError;
+
+/// What keeps a learned baseline from being used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LearnedError {
+    /// A key of the recipe has a value that cannot be used.
+    #[error("{key} = {value}: {remedy}")]
+    Recipe {
+        /// Key.
+        key: &'static str,
+        /// What was given.
+        value: String,
+        /// What to write instead.
+        remedy: &'static str,
+    },
+    /// The windows do not suit the networks.
+    #[error("these windows cannot be brought to the networks' frames: {problem}")]
+    Windows {
+        /// What is wrong, and what to do.
+        problem: String,
+    },
+    /// A checkpoint cannot be used.
+    #[error("{path}: {problem}", path = path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it, and what to do.
+        problem: String,
+    },
+    /// Training was stopped before its end.
+    #[error("{kind}: training was stopped after epoch {epoch}; start it again to go on")]
+    Interrupted {
+        /// Name of the baseline.
+        kind: &'static str,
+        /// Finished epochs.
+        epoch: usize,
+    },
+    /// A network was asked for a future that depends on one it was not given.
+    #[error("{kind} needs the recorded future of a neighbour; ask its informed form, and mark what it gives")]
+    Uninformed {
+        /// Name of the baseline.
+        kind: &'static str,
+    },
+    /// A network that takes no plan was to be given one.
+    #[error("{kind} takes no plan; only PiP does")]
+    NoPlan {
+        /// Name of the baseline.
+        kind: &'static str,
+    },
+    /// The training loop failed.
+    #[error(transparent)]
+    Train(#[from] Box<TrainError>),
+    /// A tensor operation failed.
+    #[error(transparent)]
+    Tensor(#[from] candle_core::Error),
+}
+
+impl LearnedError {
+    pub(crate) fn checkpoint(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Checkpoint { path: path.to_owned(), problem: problem.into() }
+    }
+}

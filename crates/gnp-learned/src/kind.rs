@@ -1,0 +1,80 @@
+//! Which learned baseline.
+
+use serde::{Deserialize, Serialize};
+
+/// A learned baseline. What it is called in tables says what it knew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LearnedKind {
+    /// LSTMs with fully connected social pooling.
+    SLstm,
+    /// LSTMs with convolutional social pooling.
+    CsLstm,
+    /// The same with six manoeuvres.
+    CsLstmM,
+    /// PiP that is given the recorded future of a neighbour, the ego.
+    PipInformed,
+    /// PiP trained and used without any plan.
+    PipNoPlan,
+    /// The network of [`LearnedKind::PipInformed`] with a plan of constant velocity.
+    PipSurrogate,
+    /// Spatio-temporal dynamic attention.
+    Stdan,
+    /// The same with empty cells masked.
+    StdanMasked,
+}
+
+impl LearnedKind {
+    /// All of them, in the order of a table.
+    pub const ALL: [Self; 8] = [
+        Self::SLstm,
+        Self::CsLstm,
+        Self::CsLstmM,
+        Self::PipNoPlan,
+        Self::PipSurrogate,
+        Self::PipInformed,
+        Self::Stdan,
+        Self::StdanMasked,
+    ];
+
+    /// Name in tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SLstm => "S-LSTM",
+            Self::CsLstm => "CS-LSTM",
+            Self::CsLstmM => "CS-LSTM(M)",
+            Self::PipInformed => "PiP (ego future known)",
+            Self::PipNoPlan => "PiP-noPlan",
+            Self::PipSurrogate => "PiP (surrogate plan)",
+            Self::Stdan => "STDAN",
+            Self::StdanMasked => "STDAN-masked",
+        }
+    }
+
+    /// Stem of its files; two that share a network share it.
+    #[must_use]
+    pub fn stem(self) -> &'static str {
+        match self {
+            Self::SLstm => "s_lstm",
+            Self::CsLstm => "cs_lstm",
+            Self::CsLstmM => "cs_lstm_m",
+            Self::PipInformed | Self::PipSurrogate => "pip",
+            Self::PipNoPlan => "pip_no_plan",
+            Self::Stdan => "stdan",
+            Self::StdanMasked => "stdan_masked",
+        }
+    }
+
+    /// The kind whose training gives its network.
+    #[must_use]
+    pub fn trained_as(self) -> Self {
+        if self == Self::PipSurrogate { Self::PipInformed } else { self }
+    }
+
+    /// Whether it is handed recorded futures: every number made with it must be marked.
+    #[must_use]
+    pub fn is_informed(self) -> bool {
+        self == Self::PipInformed
+    }
+}

@@ -1,0 +1,203 @@
+//! A trained baseline behind the predictor traits.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use candle_core::{DType, Device};
+use candle_nn::VarBuilder;
+use gnp_data::{Forecast, InformedPredictor, Mode, Observation, PredictError, Predictor, Truth, Window, WindowShape};
+
+use crate::checkpoint::{Checkpoint, Header};
+use crate::clock::Clock;
+use crate::error::LearnedError;
+use crate::gauss::mixture_nll;
+use crate::inputs::Inputs;
+use crate::kind::LearnedKind;
+use crate::net::Net;
+use crate::network::{Ask, Output};
+
+/// Windows that go through a network at once.
+const BATCH: usize = 128;
+
+/// A trained baseline.
+///
+/// The networks see and predict points at 5 Hz; between them a forecast is linear in time. Every kind
+/// but [`LearnedKind::PipInformed`] is a [`Predictor`]; that one predicts through
+/// [`Learned::informed`] alone.
+#[derive(Debug)]
+pub struct Learned {
+    kind: LearnedKind,
+    header: Header,
+    net: Net,
+}
+
+impl Learned {
+    /// Reads a checkpoint that [`Learned::train`] wrote.
+    ///
+    /// # Errors
+    /// [`LearnedError::Checkpoint`] for a file that is missing, damaged, of another program or lacks a
+    /// weight.
+    pub fn load(path: &Path, device: &Device) -> Result<Self, LearnedError> {
+        let Checkpoint { header, tensors } = Checkpoint::load(path)?;
+        let mut constants = HashMap::with_capacity(tensors.len());
+        for (name, tensor) in tensors {
+            constants.insert(name, tensor.to_device(device)?);
+        }
+        let vb = VarBuilder::from_tensors(constants, DType::F32, device);
+        let net = Net::new(header.kind, &header.recipe, inputs(header.shape, header.recipe.unit_m)?, &vb)
+            .map_err(|e| LearnedError::checkpoint(path, format!("does not hold this network ({e}): train again")))?;
+        Ok(Self { kind: header.kind, header, net })
+    }
+
+    /// The same PiP network with plans of constant velocity instead of recorded ones.
+    ///
+    /// # Errors
+    /// [`LearnedError::NoPlan`] for a network that takes no plan.
+    pub fn with_surrogate_plan(self) -> Result<Self, LearnedError> {
+        match self.kind {
+            LearnedKind::PipInformed | LearnedKind::PipSurrogate => {
+                Ok(Self { kind: LearnedKind::PipSurrogate, ..self })
+            }
+            other => Err(LearnedError::NoPlan { kind: other.name() }),
+        }
+    }
+
+    /// Which baseline it is.
+    #[must_use]
+    pub fn kind(&self) -> LearnedKind {
+        self.kind
+    }
+
+    /// What it was trained on, and how.
+    #[must_use]
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The form that is handed recorded futures, for the one kind that is.
+    #[must_use]
+    pub fn informed(&self) -> Option<Informed<'_>> {
+        self.kind.is_informed().then_some(Informed(self))
+    }
+
+    /// Mean negative log-likelihood of recorded positions, by window, over the points of the future:
+    /// of a density in 1/m².
+    ///
+    /// # Errors
+    /// When the windows have another shape, or the network fails.
+    pub fn nll(&self, windows: &[Window<'_>]) -> Result<Vec<f64>, PredictError> {
+        let mut all = Vec::with_capacity(windows.len());
+        for windows in windows.chunks(BATCH) {
+            let observations: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
+            self.check(&observations)?;
+            let truths: Vec<Truth<'_>> = windows.iter().map(Window::truth).collect();
+            let output = self.forward(&observations, self.kind.is_informed().then_some(&truths))?;
+            let values = || {
+                let truth = self.net.inputs.futures(windows, self.net.device())?.unsqueeze(1)?;
+                mixture_nll(&output.gaussians.nll(&truth)?, &output.log_probability)?.mean(1)?.to_vec1::<f32>()
+            };
+            let unit = 2. * f64::from(self.net.inputs.unit_m).ln();
+            all.extend(values().map_err(|e| self.fail(e))?.into_iter().map(|value| f64::from(value) + unit));
+        }
+        Ok(all)
+    }
+
+    fn forward(
+        &self,
+        observations: &[Observation<'_>],
+        truths: Option<&Vec<Truth<'_>>>,
+    ) -> Result<Output, PredictError> {
+        self.net.forward(observations, truths.map(Vec::as_slice), Ask::Predict).map_err(|e| self.fail(e))
+    }
+
+    fn fail(&self, source: impl std::error::Error + Send + Sync + 'static) -> PredictError {
+        PredictError::Model { model: self.kind.name().to_owned(), source: Box::new(source) }
+    }
+
+    fn check(&self, observations: &[Observation<'_>]) -> Result<(), PredictError> {
+        let describe =
+            |shape: WindowShape| format!("{} + {} frames at {} Hz", shape.observed, shape.predicted, shape.rate_hz);
+        let needs = self.header.shape;
+        match observations.iter().map(Observation::shape).find(|shape| !needs.fits(shape)) {
+            Some(found) => Err(PredictError::Shape {
+                model: self.kind.name().to_owned(),
+                needs: describe(needs),
+                found: describe(found),
+            }),
+            None => Ok(()),
+        }
+    }
+
+    fn predict_with(
+        &self,
+        observations: &[Observation<'_>],
+        truths: Option<&[Truth<'_>]>,
+        k: usize,
+    ) -> Result<Vec<Forecast>, PredictError> {
+        self.check(observations)?;
+        let mut forecasts = Vec::with_capacity(observations.len());
+        for (i, observations) in observations.chunks(BATCH).enumerate() {
+            let truths = truths.map(|truths| truths[i * BATCH..][..observations.len()].to_vec());
+            let output = self.forward(observations, truths.as_ref())?;
+            forecasts.extend(self.forecasts(&output, k).map_err(|e| self.fail(e))?);
+        }
+        Ok(forecasts)
+    }
+
+    /// The `k` likeliest futures of each window, at least one, with probabilities that sum to 1.
+    fn forecasts(&self, output: &Output, k: usize) -> candle_core::Result<Vec<Forecast>> {
+        let log_p = output.log_probability.to_vec2::<f32>()?;
+        let inputs = self.net.inputs;
+        let (windows, modes, points, _) = output.gaussians.mean.dims4()?;
+        let means = output.gaussians.mean.flatten_all()?.to_vec1::<f32>()?;
+        let (means, _) = means.as_chunks::<2>();
+        let window = |w: usize| {
+            let mut order: Vec<usize> = (0..modes).collect();
+            order.sort_by(|a, b| log_p[w][*b].total_cmp(&log_p[w][*a]));
+            order.truncate(k.max(1));
+            let sum: f32 = order.iter().map(|mode| log_p[w][*mode].exp()).sum();
+            let mode = |mode: usize| {
+                let points: Vec<[f32; 2]> =
+                    means[(w * modes + mode) * points..][..points].iter().map(|p| inputs.metres(*p)).collect();
+                let path = inputs.clock.to_frames(&points);
+                Mode { probability: log_p[w][mode].exp() / sum, path, explanation: None }
+            };
+            Forecast { modes: order.into_iter().map(mode).collect() }
+        };
+        Ok((0..windows).map(window).collect())
+    }
+}
+
+/// The networks' view of windows of `shape`.
+pub(crate) fn inputs(shape: WindowShape, unit_m: f64) -> Result<Inputs, LearnedError> {
+    Ok(Inputs { clock: Clock::new(shape)?, unit_m: unit_m as f32 })
+}
+
+impl Predictor for Learned {
+    fn name(&self) -> &str {
+        self.kind.name()
+    }
+
+    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        if self.kind.is_informed() {
+            return Err(self.fail(LearnedError::Uninformed { kind: self.kind.name() }));
+        }
+        self.predict_with(observations, None, k)
+    }
+}
+
+/// A baseline that is handed the recorded future of a neighbour: everything made with it is marked.
+#[derive(Clone, Copy, Debug)]
+pub struct Informed<'a>(&'a Learned);
+
+impl InformedPredictor for Informed<'_> {
+    fn name(&self) -> &str {
+        self.0.kind.name()
+    }
+
+    fn predict_informed(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        let observations: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
+        let truths: Vec<Truth<'_>> = windows.iter().map(Window::truth).collect();
+        self.0.predict_with(&observations, Some(&truths), k)
+    }
+}
