@@ -95,6 +95,14 @@ pub enum EvalError {
         /// What is missing or differs.
         problem: &'static str,
     },
+    /// Two evaluations of different windows cannot become one.
+    #[error("evaluations of {first} and of {second} windows, or of other data, cannot be joined; score the same")]
+    OtherWindows {
+        /// Windows of the first.
+        first: usize,
+        /// Windows of the second.
+        second: usize,
+    },
     /// A comparison was asked for with a model that was not scored.
     #[error("{model} was not scored; scored are {scored}")]
     NotScored {

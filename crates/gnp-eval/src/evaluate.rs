@@ -225,6 +225,26 @@ impl Sheet {
 }
 
 impl Evaluation {
+    /// This evaluation and another of other models on the same windows, as one: for models that may
+    /// enter under some protocols only.
+    ///
+    /// # Errors
+    /// When the windows differ, or a model was scored under a protocol in both.
+    pub fn joined(mut self, other: Self) -> Result<Self, EvalError> {
+        if self.setting != other.setting {
+            return Err(EvalError::OtherWindows { first: self.setting.windows, second: other.setting.windows });
+        }
+        for sheet in other.sheets {
+            if self.sheets.iter().any(|own| own.model == sheet.model && own.protocol == sheet.protocol) {
+                return Err(EvalError::SameName { model: sheet.model });
+            }
+            self.sheets.push(sheet);
+        }
+        // The same shape of windows gives a protocol the same metrics.
+        self.metrics.extend(other.metrics);
+        Ok(self)
+    }
+
     /// What the scored windows have in common.
     #[must_use]
     pub fn setting(&self) -> &Setting {

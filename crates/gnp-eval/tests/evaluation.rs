@@ -382,6 +382,30 @@ fn the_overlap_of_recorded_boxes_does_not_depend_on_the_model() {
     }
 }
 
+#[test]
+fn models_that_may_not_enter_everywhere_join_later() {
+    let cars: Vec<Car> =
+        (1..=6).map(|i| Car { vehicle: i, x0: 30. * i as f32, y: 2., v: 20., a: -0.2 * i as f32 }).collect();
+    let recordings = [recording("a", "s", false, &cars)];
+    let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
+    let model = Straight { name: "straight", drift: 0. };
+    let run = |ids: &[WindowId], entrant, protocols: &[Protocol]| {
+        evaluate(&set, ids, &[entrant], &config(protocols), &mut |_| Ok(())).unwrap()
+    };
+    let both = [Protocol::Clean, Protocol::Literature];
+    let blind = || run(set.ids(), Entrant::Predictor(&model), &both);
+    let told = run(set.ids(), Entrant::Informed(&Oracle), &both[1..]);
+    let joined = blind().joined(told.clone()).unwrap();
+    let bootstrap = config(&both).bootstrap;
+    let rows = joined.comparisons("straight", &bootstrap).unwrap();
+    assert_eq!(rows.len(), 1, "the oracle is compared where it entered");
+    assert!(rows[0].protocol == Protocol::Literature && rows[0].future_input && rows[0].verdict == Verdict::Worse);
+    assert_eq!(joined.scores(&bootstrap).len(), blind().scores(&bootstrap).len() + told.scores(&bootstrap).len());
+    assert!(matches!(joined.joined(told), Err(EvalError::SameName { .. })));
+    let fewer = run(&set.ids()[..2], Entrant::Informed(&Oracle), &both[1..]);
+    assert!(matches!(blind().joined(fewer), Err(EvalError::OtherWindows { first: 6, second: 2 })));
+}
+
 /// A model that gives what it must not.
 struct Broken(fn(&mut Vec<Forecast>));
 
