@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result, anyhow, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
 use gnp_eval::EvalConfig;
 use gnp_goal::GoalConfig;
-use gnp_model::{FeatureConfig, NeighbourFuture};
+use gnp_model::{FeatureConfig, NeighbourFuture, Selection};
 use gnp_modes::ModeParams;
 use gnp_train::{GoalTraining, PathTraining, TrainConfig};
 use gnp_traj::TrajConfig;
@@ -98,6 +98,8 @@ pub(crate) struct PathSection {
 pub(crate) struct PredictConfig {
     /// Where neighbours are while the target is driven into the future.
     pub(crate) neighbours: NeighbourFuture,
+    /// Which goals are given when fewer are asked for than there are modes.
+    pub(crate) selection: Selection,
     /// Futures a window in `predictions.parquet`; one that a protocol of `[evaluate]` asks for.
     pub(crate) k: usize,
 }

@@ -17,6 +17,7 @@ use crate::error::ModelError;
 use crate::features::Features;
 use crate::scene::NeighbourFuture;
 use crate::seen::Seen;
+use crate::select::{Selection, medoids};
 
 /// A trained GNP.
 #[derive(Debug)]
@@ -28,6 +29,7 @@ pub struct Gnp {
     goal: GoalNet,
     pub(crate) force: Option<(SocialForce, Phase)>,
     neighbours: NeighbourFuture,
+    selection: Selection,
     explain: bool,
     pub(crate) device: Device,
     header: Header,
@@ -108,7 +110,14 @@ impl Gnp {
             Some(_) => "gnp".to_owned(),
         };
         let device = device.clone();
-        Ok(Self { features, modes, centres, goal: net, force, neighbours, explain: false, device, header, name })
+        let (selection, explain) = (Selection::Medoids, false);
+        Ok(Self { features, modes, centres, goal: net, force, neighbours, selection, explain, device, header, name })
+    }
+
+    /// How goals are chosen when fewer are asked for than there are modes; medoids unless set.
+    #[must_use]
+    pub fn selecting(self, selection: Selection) -> Self {
+        Self { selection, ..self }
     }
 
     /// Whether forecasts carry the forces of every step.
@@ -147,20 +156,40 @@ impl Gnp {
         Oracle { gnp: self }
     }
 
+    /// The same model driven to the recorded last position instead of predicted goals: what is left
+    /// of the error is the path's own.
+    #[must_use]
+    pub fn true_goal(&self) -> TrueGoal<'_> {
+        TrueGoal { gnp: self }
+    }
+
     pub(crate) fn goals(&self, seen: &[Seen<'_>], k: usize) -> Result<Goals, ModelError> {
         let inputs = self.features.goal_inputs(seen, &self.device)?;
         let k = k.min(self.modes.len()).max(1);
-        let goals = self.goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, &self.centres, k)?;
+        let decoded = match self.selection {
+            Selection::MostProbable => k,
+            Selection::Medoids => self.modes.len(),
+        };
+        let goals = self.goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, &self.centres, decoded)?;
         let scale = self.features.config().length_scale;
         let futures = (goals.futures * scale)?.flatten_all()?.to_vec1::<f32>()?;
-        let probabilities = goals.probabilities.to_vec2::<f32>()?;
-        let t_pred = self.features.shape().predicted;
-        let window_frame = |seen: &Seen<'_>, paths: &[f32]| {
-            paths.chunks_exact(2 * t_pred).map(|path| self.features.to_window_frame(seen, path)).collect()
-        };
-        let by_window = futures.chunks_exact(2 * t_pred * k);
-        let futures = seen.iter().zip(by_window).map(|(seen, paths)| window_frame(seen, paths)).collect();
-        Ok(Goals { futures, probabilities })
+        let mut out = Goals { futures: Vec::new(), probabilities: Vec::new() };
+        let path = 2 * self.features.shape().predicted;
+        let by_window = futures.chunks_exact(path * decoded).zip(goals.probabilities.to_vec2::<f32>()?);
+        for (seen, (paths, probabilities)) in seen.iter().zip(by_window) {
+            let picked = match self.selection {
+                Selection::MostProbable => probabilities.into_iter().enumerate().collect(),
+                Selection::Medoids => {
+                    let ends: Vec<_> =
+                        paths.chunks_exact(path).map(|path| [path[path.len() - 2], path[path.len() - 1]]).collect();
+                    medoids(&ends, &probabilities, k)
+                }
+            };
+            let future = |mode: usize| self.features.to_window_frame(seen, &paths[mode * path..(mode + 1) * path]);
+            out.futures.push(picked.iter().map(|(mode, _)| future(*mode)).collect());
+            out.probabilities.push(picked.into_iter().map(|(_, probability)| probability).collect());
+        }
+        Ok(out)
     }
 
     fn forecast(
@@ -174,15 +203,25 @@ impl Gnp {
         }
         let seen: Vec<Seen<'_>> = observations.iter().map(|o| Seen::recorded(*o)).collect();
         let goals = self.goals(&seen, k)?;
-        let Some((force, phase)) = &self.force else { return Ok(plain(goals)) };
-        let ends = end_points(&goals, &self.device)?;
+        self.drive(&seen, &goals, truths)
+    }
+
+    /// Paths to goals, with the forces of every step where they are asked for.
+    fn drive(
+        &self,
+        seen: &[Seen<'_>],
+        goals: &Goals,
+        truths: Option<&[Truth<'_>]>,
+    ) -> Result<Vec<Forecast>, ModelError> {
+        let Some((force, phase)) = &self.force else { return Ok(plain(goals.clone())) };
+        let ends = end_points(goals, &self.device)?;
         let scene = match (truths, self.neighbours) {
-            (None, NeighbourFuture::Joint) => self.joint_scene(&seen, ends)?,
-            _ => self.features.scene(&seen, ends, truths, &self.device)?,
+            (None, NeighbourFuture::Joint) => self.joint_scene(seen, ends)?,
+            _ => self.features.scene(seen, ends, truths, &self.device)?,
         };
         if self.explain {
             let out = force.roll_out_explained(&scene, *phase)?;
-            explained(&out, &scene, &goals)
+            explained(&out, &scene, goals)
         } else {
             let path = force.roll_out(&scene, *phase)?.flatten_all()?.to_vec1::<f32>()?;
             let steps = scene.steps;
@@ -338,5 +377,33 @@ impl InformedPredictor for Oracle<'_> {
         let observations: Vec<_> = windows.iter().map(Window::observation).collect();
         let truths: Vec<_> = windows.iter().map(Window::truth).collect();
         self.gnp.forecast(&observations, Some(&truths), k).map_err(|e| predict_error(self.name(), e))
+    }
+}
+
+/// GNP told where its target will end: one goal, the recorded one.
+#[derive(Clone, Copy, Debug)]
+pub struct TrueGoal<'a> {
+    gnp: &'a Gnp,
+}
+
+impl InformedPredictor for TrueGoal<'_> {
+    fn name(&self) -> &str {
+        "gnp (true goal)"
+    }
+
+    fn predict_informed(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
+        let seen: Vec<Seen<'_>> = windows.iter().map(|window| Seen::recorded(window.observation())).collect();
+        // The force goes by the last point alone; without one the way there is straight.
+        let straight = |window: &Window<'_>| {
+            let ([x, y], steps) = (window.truth().goal(), self.gnp.shape().predicted);
+            let share = |j: usize| j as f32 / steps as f32;
+            vec![(1..=steps).map(|j| [x * share(j), y * share(j)]).collect::<Vec<_>>()]
+        };
+        let goals =
+            Goals { futures: windows.iter().map(straight).collect(), probabilities: vec![vec![1.]; windows.len()] };
+        if windows.is_empty() {
+            return Ok(Vec::new());
+        }
+        self.gnp.drive(&seen, &goals, None).map_err(|e| predict_error(self.name(), e))
     }
 }

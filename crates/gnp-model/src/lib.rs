@@ -11,10 +11,12 @@ mod gnp;
 mod joint;
 mod scene;
 mod seen;
+mod select;
 
 pub use crate::checkpoint::{Checkpoint, Header, Part};
 pub use crate::error::ModelError;
 pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation};
-pub use crate::gnp::{Gnp, GoalHead, Oracle};
+pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
 pub use crate::scene::NeighbourFuture;
 pub use crate::seen::{Seen, SeenNeighbour};
+pub use crate::select::Selection;

@@ -240,6 +240,20 @@ fn nothing_after_the_last_observed_frame_reaches_a_prediction() {
     assert_ne!(informed(&recorded), informed(&scrambled));
 }
 
+/// Told the end it goes there and nowhere else, once, and neighbours stay as predicted.
+#[test]
+fn a_true_goal_is_the_only_one() {
+    let recording = road(false, false);
+    let model = model(&recording, NeighbourFuture::ConstantVelocity).explaining(true);
+    let windows = [0, 1].map(|track| window(&recording, track));
+    let forecasts = gnp_data::InformedPredictor::predict_informed(&model.true_goal(), &windows, 4).unwrap();
+    for (window, forecast) in windows.iter().zip(&forecasts) {
+        let [mode] = &forecast.modes[..] else { panic!("{} modes", forecast.modes.len()) };
+        assert_eq!((mode.probability, mode.explanation.as_ref().unwrap().goal), (1., window.truth().goal()));
+    }
+    assert!(gnp_data::InformedPredictor::predict_informed(&model.true_goal(), &[], 4).unwrap().is_empty());
+}
+
 #[test]
 fn joint_neighbours_take_their_own_predicted_paths() {
     let recording = road(false, false);
