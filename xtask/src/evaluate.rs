@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Result, anyhow};
-use gnp_baselines::{ConstantAcceleration, ConstantVelocity};
+use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
 use gnp_data::{Predictor as _, Split, Window, WindowId, WindowSet};
 use gnp_eval::{
     Entrant, EvalConfig, EvalError, PredictionWriter, Provenance, Score, TableHead, evaluate, save_scores, tables,
@@ -71,11 +71,14 @@ pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
     let gnp = Gnp::load(scoring.model, neighbours, &session.machine.device)?;
     let (goal_head, oracle) = (gnp.goal_head(), gnp.oracle());
     let (velocity, acceleration) = (ConstantVelocity::default(), ConstantAcceleration::default());
+    let (kalman, idm) = (Kalman::default(), Idm::default());
     let entrants = [
         Entrant::Predictor(&gnp),
         Entrant::Predictor(&goal_head),
         Entrant::Predictor(&velocity),
         Entrant::Predictor(&acceleration),
+        Entrant::Predictor(&kalman),
+        Entrant::Predictor(&idm),
     ];
     let mut scores = scores(scoring, &entrants, &config.evaluate, terminal)?;
     let told: Vec<_> = config.evaluate.protocols.iter().copied().filter(|p| p.allows_future_input()).collect();
