@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 
 use crate::terminal::{Terminal, duration};
-use crate::tidy;
+use crate::{bench, tidy};
 
 /// A cargo command with the environment it needs.
 struct Step {
@@ -18,7 +18,7 @@ struct Step {
 
 const FORMAT: Step = Step { name: "format", arguments: &["fmt", "--all", "--", "--check"], environment: &[] };
 
-const COMPILED: [Step; 3] = [
+const COMPILED: [Step; 2] = [
     Step {
         name: "clippy",
         arguments: &["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"],
@@ -29,11 +29,12 @@ const COMPILED: [Step; 3] = [
         arguments: &["doc", "--workspace", "--no-deps"],
         environment: &[("RUSTDOCFLAGS", "--deny warnings")],
     },
-    // Last, and nothing is printed after it: the output ends with the test harness's own lines.
-    Step { name: "test", arguments: &["test", "--workspace"], environment: &[] },
 ];
 
-/// Runs format, tidy, clippy, doc and test; stops at the first that fails.
+/// Last, and nothing is printed after it: the output ends with the test harness's own lines.
+const TEST: Step = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
+
+/// Runs format, tidy, clippy, doc, the ratios of `bench --check --quick` and test; stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
@@ -43,7 +44,12 @@ pub(crate) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
     terminal.note("ci: tidy");
     tidy::run(root)?;
     terminal.note(&format!("ci: tidy passed in {}", duration(started.elapsed())));
-    COMPILED.iter().try_for_each(|one| step(root, terminal, one))
+    COMPILED.iter().try_for_each(|one| step(root, terminal, one))?;
+    let started = Instant::now();
+    terminal.note("ci: bench (cargo xtask bench --check --quick)");
+    bench::check(bench::Profile::Quick, terminal).context("ci: bench failed")?;
+    terminal.note(&format!("ci: bench passed in {}", duration(started.elapsed())));
+    step(root, terminal, &TEST)
 }
 
 fn step(root: &Path, terminal: &Terminal, step: &Step) -> Result<()> {

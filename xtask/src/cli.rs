@@ -76,7 +76,17 @@ Examples:
 Example:
   cargo xtask eval --run runs/ngsim --data-dir D --out scores")]
     Eval(EvalArgs),
-    /// Run the project's checks: format, tidy, clippy, docs, tests.
+    /// Measure speed: ours and the floor; with a flag ratios that gate, a whole frame, or PyTorch and JAX beside it.
+    #[command(after_help = "\
+Examples:
+  cargo xtask bench                       milliseconds per window at the published sizes, and the floor
+  cargo xtask bench --check --quick       ratios against configs/bench.toml, as in `cargo xtask ci`
+  cargo xtask bench --frame               p50 and p99 of a frame of 25 vehicles on one core
+  cargo xtask bench --against-torch --json --threads 2
+
+Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
+    Bench(BenchArgs),
+    /// Run the project's checks: format, tidy, clippy, docs, ratios of times, tests.
     Ci,
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
     Tidy,
@@ -134,6 +144,39 @@ pub(crate) struct EvalArgs {
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,
+}
+
+/// What to measure.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct BenchArgs {
+    /// Hold ratios measured in one run against configs/bench.toml.
+    #[arg(long, group = "what", conflicts_with = "threads")]
+    pub(crate) check: bool,
+    /// Reduced sizes, less than a minute.
+    #[arg(long, requires = "check")]
+    pub(crate) quick: bool,
+    /// Predict whole frames of 25 vehicles; on one thread unless --threads says otherwise.
+    #[arg(long, group = "what")]
+    pub(crate) frame: bool,
+    /// Run the programs in xtask/peer beside ours; installs them into target/peer-venv.
+    #[arg(long, group = "what")]
+    pub(crate) against_torch: bool,
+    /// Print everything once more as JSON, in the last line.
+    #[arg(long, conflicts_with_all = ["check", "frame"])]
+    pub(crate) json: bool,
+    /// Number of threads, of the other programs too [default: all cores].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) threads: Option<u16>,
+    /// Times that everybody is measured in turn; medians are printed.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = positive, conflicts_with_all = ["check", "frame"])]
+    pub(crate) rounds: usize,
+    /// No progress, only tables.
+    #[arg(long, short)]
+    pub(crate) quiet: bool,
+}
+
+fn positive(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "give a whole number from 1".to_owned())
 }
 
 /// The machine, and how much is said.
@@ -229,6 +272,10 @@ mod tests {
             &["xtask", "goal"],
             &["xtask", "pipeline", "--dataset", "ngsim", "--set", "goal.epochs"],
             &["xtask", "pipeline", "--dataset", "ngsim", "--threads", "0"],
+            &["xtask", "bench", "--quick"],
+            &["xtask", "bench", "--check", "--frame"],
+            &["xtask", "bench", "--check", "--rounds", "2"],
+            &["xtask", "bench", "--rounds", "0"],
         ] {
             assert!(Cli::try_parse_from(line).is_err(), "{line:?}");
         }

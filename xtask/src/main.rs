@@ -1,6 +1,7 @@
 //! The command line of GNP: the pipeline from recordings to scored trajectories, and the project's
 //! own checks. `cargo xtask --help` lists the commands.
 
+mod bench;
 mod ci;
 mod cli;
 mod config;
@@ -56,6 +57,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Repulsion(args) => stage(&args, Stage::Repulsion),
         Command::Evaluate(args) => stage(&args, Stage::Evaluate),
         Command::Eval(args) => score_run::run(&args),
+        Command::Bench(args) => bench::run(&args, &Terminal::start(args.quiet, false)),
         Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),
         Command::Tidy => tidy::run(&project::root()),
     }

@@ -1,0 +1,87 @@
+//! Benchmarks: what our code needs, ratios that gate, a whole frame, and ours beside PyTorch and JAX.
+//!
+//! The criterion benchmarks of the crates (`cargo bench`) say how long each part takes. What is
+//! compared is measured here, in one run and in turn, so that a busy machine slows both sides.
+
+mod check;
+mod clock;
+mod floor;
+mod frame;
+mod limits;
+mod networks;
+mod peer;
+mod speed;
+mod traffic;
+
+use std::thread::available_parallelism;
+
+use anyhow::{Context as _, Result, bail};
+use comfy_table::{CellAlignment, Table, presets};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::cli::BenchArgs;
+use crate::project;
+use crate::terminal::Terminal;
+
+pub(crate) use check::Profile;
+
+/// Runs what the command line asks for.
+///
+/// # Errors
+/// When a limit is missed, a reference program cannot be run, or a benchmark fails.
+pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
+    let threads = args.threads.map(usize::from);
+    if args.check {
+        check(if args.quick { Profile::Quick } else { Profile::Full }, terminal)
+    } else if args.frame {
+        frame::run(threads.unwrap_or(1), terminal)
+    } else {
+        let threads = threads.unwrap_or_else(cores);
+        speed::run(threads, args.rounds, args.against_torch, args.json, terminal)
+    }
+}
+
+/// Measures the ratios and holds them against `configs/bench.toml`.
+///
+/// # Errors
+/// Names every limit that is missed.
+pub(crate) fn check(profile: Profile, terminal: &Terminal) -> Result<()> {
+    let path = project::root().join("configs/bench.toml");
+    let rows = check::measure(&limits::Limits::read(&path)?, profile, terminal)?;
+    let missed: Vec<&str> = rows.iter().filter(|row| !row.holds()).map(|row| row.what).collect();
+    if missed.is_empty() {
+        return Ok(());
+    }
+    bail!(
+        "missed, twice each: {}; if nothing was made slower, see that the machine is free and run it again, and only \
+         then change {}",
+        missed.join(", "),
+        path.display()
+    )
+}
+
+/// Cores that this program may use.
+fn cores() -> usize {
+    available_parallelism().map_or(1, usize::from)
+}
+
+/// A pool of that many threads, on which candle's products and our operations run.
+fn pool(threads: usize) -> Result<ThreadPool> {
+    ThreadPoolBuilder::new().num_threads(threads).build().with_context(|| format!("cannot start {threads} threads"))
+}
+
+/// A table in markdown, numbers to the right.
+fn table(header: Vec<String>, rows: Vec<Vec<String>>) -> String {
+    let mut table = Table::new();
+    table.load_preset(presets::ASCII_MARKDOWN).set_header(header).add_rows(rows);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table.to_string()
+}
+
+/// What else the machine was doing: the load average of the last minute, where the system tells.
+fn load() -> String {
+    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    text.split(' ').next().filter(|load| !load.is_empty()).unwrap_or("unknown").to_owned()
+}

@@ -1,0 +1,221 @@
+//! Both networks at the published sizes on random windows, as the reference programs in `peer/` have them.
+
+use anyhow::Result;
+use candle_core::{DType, Device, Tensor};
+use candle_nn::VarBuilder;
+use gnp_data::SLOTS;
+use gnp_goal::{GoalConfig, GoalNet, GoalShape, Pick, ProbabilityHead, Regression, goal_loss};
+use gnp_nn::Weights;
+use gnp_traj::{Engine, NeighbourStates, Neighbours, Phase, Scene, SocialForce, TrajConfig};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Share of neighbour slots that are taken.
+pub(super) const PRESENT: f64 = 0.65;
+/// Goals a window where several are asked for.
+pub(super) const GOALS: usize = 20;
+
+/// How long the windows of a data set are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lengths {
+    pub(super) name: &'static str,
+    pub(super) observed: usize,
+    pub(super) predicted: usize,
+    pub(super) modes: usize,
+    /// Frame period, s.
+    pub(super) dt: f64,
+}
+
+/// NGSIM at 10 Hz.
+pub(super) const NGSIM: Lengths = Lengths { name: "ngsim", observed: 30, predicted: 50, modes: 100, dt: 0.1 };
+/// highD at 25 Hz.
+pub(super) const HIGHD: Lengths = Lengths { name: "highd", observed: 75, predicted: 125, modes: 200, dt: 0.04 };
+
+/// A network that records its steps for gradients, and the same one with constant weights.
+#[derive(Debug)]
+pub(super) struct Twice<N> {
+    learning: N,
+    constant: N,
+}
+
+impl<N> Twice<N> {
+    fn new(build: impl Fn(VarBuilder<'static>) -> Result<N>) -> Result<Self> {
+        let weights = Weights::seeded(1, &Device::Cpu);
+        let learning = build(weights.builder())?;
+        let named = weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach()));
+        let constant = build(VarBuilder::from_tensors(named.collect(), DType::F32, &Device::Cpu))?;
+        Ok(Self { learning, constant })
+    }
+}
+
+/// Random numbers with a seed.
+#[derive(Debug)]
+struct Draw(ChaCha8Rng);
+
+impl Draw {
+    fn new() -> Self {
+        Self(ChaCha8Rng::seed_from_u64(1))
+    }
+
+    /// As wide as a normal distribution of standard deviation `size`.
+    fn values(&mut self, shape: &[usize], size: f32) -> Result<Tensor> {
+        let half = size * 3f32.sqrt();
+        let values: Vec<f32> = (0..shape.iter().product()).map(|_| self.0.random_range(-half..half)).collect();
+        Ok(Tensor::from_vec(values, shape, &Device::Cpu)?)
+    }
+
+    fn present(&mut self, windows: usize) -> Result<Tensor> {
+        let taken = (0..windows * SLOTS).map(|_| if self.0.random_bool(PRESENT) { 1f32 } else { 0. });
+        Ok(Tensor::from_vec(taken.collect(), (windows, SLOTS), &Device::Cpu)?)
+    }
+
+    fn indices(&mut self, shape: (usize, usize), below: usize) -> Result<Tensor> {
+        let values: Vec<u32> = (0..shape.0 * shape.1).map(|_| self.0.random_range(0..below as u32)).collect();
+        Ok(Tensor::from_vec(values, shape, &Device::Cpu)?)
+    }
+}
+
+/// The neural social force and a batch of windows.
+#[derive(Debug)]
+pub(super) struct Traj {
+    network: Twice<SocialForce>,
+    one: Scene,
+    many: Scene,
+    truth: Tensor,
+}
+
+impl Traj {
+    pub(super) fn new(lengths: Lengths, windows: usize) -> Result<Self> {
+        let Lengths { observed, predicted, dt, .. } = lengths;
+        let mut draw = Draw::new();
+        let one = Scene {
+            observed: draw.values(&[windows, observed, 4], 1.)?,
+            goals: (draw.values(&[windows, 1, 2], 1.)? + 100.)?,
+            neighbours: Some(Neighbours {
+                states: NeighbourStates::Given(draw.values(&[windows, predicted, SLOTS, 4], 10.)?),
+                present: draw.present(windows)?,
+            }),
+            lines: None,
+            dt,
+            steps: predicted,
+        };
+        let many = Scene { goals: (draw.values(&[windows, GOALS, 2], 1.)? + 100.)?, ..one.clone() };
+        let truth = draw.values(&[windows, 1, predicted, 2], 1.)?;
+        let network = Twice::new(|vb| Ok(SocialForce::new(&TrajConfig::published(), vb)?))?;
+        Ok(Self { network, one, many, truth })
+    }
+
+    pub(super) fn forward(&self, engine: Engine) -> Result<()> {
+        self.network.constant.roll_out_on(engine, &self.one, Phase::Full)?;
+        Ok(())
+    }
+
+    /// To [`GOALS`] goals a window.
+    pub(super) fn forward_many(&self) -> Result<()> {
+        self.network.constant.roll_out_on(Engine::Fused, &self.many, Phase::Full)?;
+        Ok(())
+    }
+
+    /// The gradient of the mean squared error in every weight.
+    pub(super) fn train(&self, engine: Engine) -> Result<()> {
+        let path = self.network.learning.roll_out_on(engine, &self.one, Phase::Full)?;
+        (path - &self.truth)?.sqr()?.mean_all()?.backward()?;
+        Ok(())
+    }
+}
+
+/// The goal network and a batch of windows.
+#[derive(Debug)]
+pub(super) struct Goal {
+    fused: Twice<GoalNet>,
+    graph: Twice<GoalNet>,
+    observed: Tensor,
+    neighbours: Tensor,
+    mask: Tensor,
+    modes: Tensor,
+    truth: Tensor,
+    many: Pick,
+    one: Pick,
+}
+
+impl Goal {
+    pub(super) fn new(lengths: Lengths, windows: usize) -> Result<Self> {
+        let Lengths { observed, predicted, modes, .. } = lengths;
+        let config = GoalConfig {
+            width: 64,
+            heads: 4,
+            layers: 2,
+            feed_forward: 2,
+            dropout: 0.,
+            probability: ProbabilityHead::Encoder,
+            regression: Regression::Absolute,
+            nobody: false,
+            slot_code: false,
+        };
+        let shape = GoalShape { observed: 4 * observed, neighbour: 4 * observed, slots: SLOTS, t_pred: predicted };
+        let fused = Twice::new(|vb| Ok(GoalNet::new(&config, shape, vb)?))?;
+        let graph = Twice { learning: fused.learning.clone().as_graph(), constant: fused.constant.clone().as_graph() };
+        let mut draw = Draw::new();
+        Ok(Self {
+            fused,
+            graph,
+            observed: draw.values(&[windows, 4 * observed], 1.)?,
+            neighbours: draw.values(&[windows, SLOTS, 4 * observed], 1.)?,
+            mask: draw.present(windows)?,
+            modes: draw.values(&[modes, predicted, 2], 1.)?,
+            truth: draw.values(&[windows, predicted, 2], 1.)?,
+            many: Pick::Indices(draw.indices((windows, GOALS), modes)?),
+            one: Pick::Indices(draw.indices((windows, 1), modes)?),
+        })
+    }
+
+    fn network(&self, engine: Engine) -> &Twice<GoalNet> {
+        match engine {
+            Engine::Fused => &self.fused,
+            Engine::Graph => &self.graph,
+        }
+    }
+
+    /// With [`GOALS`] goals a window.
+    pub(super) fn forward(&self, engine: Engine) -> Result<()> {
+        let network = &self.network(engine).constant;
+        network.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &self.many, None)?;
+        Ok(())
+    }
+
+    /// The gradient of the loss in every weight, with one goal a window.
+    pub(super) fn train(&self, engine: Engine) -> Result<()> {
+        let network = &self.network(engine).learning;
+        let output = network.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &self.one, None)?;
+        let soft = candle_nn::ops::softmax(&output.logits.detach(), 1)?;
+        goal_loss(&output, &self.truth, &soft, 0.5)?.total.backward()?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHORT: Lengths = Lengths { name: "short", observed: 3, predicted: 2, modes: 7, dt: 0.1 };
+
+    #[test]
+    fn every_case_runs_on_both_engines() -> Result<()> {
+        let (traj, goal) = (Traj::new(SHORT, 5)?, Goal::new(SHORT, 5)?);
+        traj.forward_many()?;
+        for engine in [Engine::Fused, Engine::Graph] {
+            traj.forward(engine)?;
+            traj.train(engine)?;
+            goal.forward(engine)?;
+            goal.train(engine)?;
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn about_the_share_of_slots_is_taken() -> Result<()> {
+        let taken = Draw::new().present(1000)?.mean_all()?.to_scalar::<f32>()?;
+        assert!((f64::from(taken) - PRESENT).abs() < 0.03, "{taken}");
+        Ok(())
+    }
+}

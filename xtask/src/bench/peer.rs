@@ -1,0 +1,128 @@
+//! The reference programs in `xtask/peer/`, in a Python environment made for them.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context as _, Result, bail};
+
+use crate::project;
+use crate::terminal::Terminal;
+
+/// Milliseconds per window by what was measured, such as `ngsim.traj.train`.
+pub(super) type Milliseconds = BTreeMap<String, f64>;
+
+/// What the programs need; a copy in the environment says that it was installed.
+const REQUIREMENTS: &str = include_str!("../../peer/requirements.txt");
+
+/// Python with PyTorch and JAX.
+#[derive(Debug)]
+pub(super) struct Python {
+    program: PathBuf,
+}
+
+impl Python {
+    /// Finds or makes the environment `target/peer-venv`.
+    ///
+    /// # Errors
+    /// When Python, its venv or pip is missing, or the installation fails.
+    pub(super) fn prepare(terminal: &Terminal) -> Result<Self> {
+        let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| project::root().join("target"), PathBuf::from);
+        Self::prepare_at(&target.join("peer-venv"), "python3", terminal)
+    }
+
+    fn prepare_at(folder: &Path, python: &str, terminal: &Terminal) -> Result<Self> {
+        let inside = if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" };
+        let made = Self { program: folder.join(inside) };
+        let installed = folder.join("requirements.txt");
+        if fs::read_to_string(&installed).is_ok_and(|text| text == REQUIREMENTS) {
+            return Ok(made);
+        }
+        let shown = folder.display();
+        terminal.note(&format!(
+            "bench: installing PyTorch and JAX into {shown}; PyTorch's default package for Linux brings CUDA along, \
+             6 GB on disk in all. For the small one: PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu"
+        ));
+        let version = Command::new(python).arg("--version").output();
+        if !version.is_ok_and(|output| output.status.success()) {
+            bail!("{python} cannot be started; install Python 3.11 or later to compare with PyTorch and JAX");
+        }
+        run(Command::new(python).args(["-m", "venv"]).arg(folder)).with_context(|| {
+            format!("{python} cannot make the environment {shown}; on Debian and Ubuntu: apt install python3-venv")
+        })?;
+        run(Command::new(&made.program).args(["-m", "pip", "--version"])).with_context(|| {
+            format!("no pip in {shown}; run `{python} -m ensurepip`, remove that folder, try again")
+        })?;
+        let file = project::root().join("xtask/peer/requirements.txt");
+        run(Command::new(&made.program).args(["-m", "pip", "install", "--quiet", "--requirement"]).arg(file))
+            .with_context(|| format!("pip cannot install what {shown} needs; see its message above"))?;
+        fs::write(&installed, REQUIREMENTS).with_context(|| format!("cannot write {}", installed.display()))?;
+        Ok(made)
+    }
+
+    /// Runs one of the programs; its last line is what it measured.
+    ///
+    /// # Errors
+    /// When the program fails or prints something else.
+    pub(super) fn measure(&self, program: &str, arguments: &[String]) -> Result<Milliseconds> {
+        let path = project::root().join("xtask/peer").join(program);
+        let mut command = Command::new(&self.program);
+        // The programs leave no compiled copy of themselves beside them.
+        command.arg("-B").arg(&path).args(arguments).stdin(Stdio::null()).stderr(Stdio::inherit());
+        let output = command.output().with_context(|| format!("cannot start {}", self.program.display()))?;
+        if !output.status.success() {
+            bail!("{program} failed ({}); see its message above", output.status);
+        }
+        parse(&String::from_utf8_lossy(&output.stdout)).with_context(|| format!("{program} printed no measurements"))
+    }
+}
+
+/// Runs to the end, quiet but for errors.
+fn run(command: &mut Command) -> Result<()> {
+    let name = Path::new(command.get_program()).file_name().unwrap_or(OsStr::new("python3")).to_owned();
+    let status = command.stdin(Stdio::null()).stdout(Stdio::null()).status();
+    let status = status.with_context(|| format!("cannot start {}", name.display()))?;
+    if !status.success() {
+        let arguments: Vec<_> = command.get_args().map(OsStr::to_string_lossy).collect();
+        bail!("`{} {}` failed ({status})", name.display(), arguments.join(" "));
+    }
+    Ok(())
+}
+
+/// Reads the last line that is not empty.
+fn parse(text: &str) -> Result<Milliseconds> {
+    let line = text.lines().rfind(|line| !line.trim().is_empty()).unwrap_or_default();
+    Ok(serde_json::from_str(line)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_line_counts() {
+        let read = parse("a warning\n{\"ngsim.traj.train\": 18.6}\n\n").unwrap();
+        assert_eq!(read, BTreeMap::from([("ngsim.traj.train".to_owned(), 18.6)]));
+        assert!(parse("").is_err() && parse("{\"x\": \"slow\"}").is_err());
+    }
+
+    #[test]
+    fn a_missing_python_is_said_with_the_remedy() {
+        let folder = tempfile::tempdir().unwrap();
+        let terminal = Terminal::start(true, false);
+        let error = Python::prepare_at(&folder.path().join("venv"), "no-such-python", &terminal).unwrap_err();
+        assert!(error.to_string().contains("no-such-python") && error.to_string().contains("install"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_python_without_venv_is_said_with_the_remedy() {
+        // `true` starts and succeeds, but makes no environment.
+        let folder = tempfile::tempdir().unwrap();
+        let terminal = Terminal::start(true, false);
+        let error = Python::prepare_at(&folder.path().join("venv"), "true", &terminal).unwrap_err();
+        assert!(format!("{error:#}").contains("pip"), "{error:#}");
+    }
+}
