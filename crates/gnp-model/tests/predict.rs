@@ -124,6 +124,7 @@ fn traj_config() -> TrajConfig {
         code: 6,
         encoder: vec![9],
         decoder: vec![10],
+        tau_max: 1.,
         k_max: 10.,
         k_max_line: 1.,
         k_bias: 0.,

@@ -55,6 +55,7 @@ fn traj_config() -> TrajConfig {
         code: 5,
         encoder: vec![7],
         decoder: vec![9, 8],
+        tau_max: 1.,
         k_max: 10.,
         k_max_line: 1.,
         k_bias: -3.,

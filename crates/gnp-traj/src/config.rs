@@ -18,6 +18,9 @@ pub struct TrajConfig {
     pub encoder: Vec<usize>,
     /// Hidden widths of the heads of `tau` and of the strengths.
     pub decoder: Vec<usize>,
+    /// Largest relaxation time beyond one frame, in s: `tau = tau_max * sigmoid + dt`. 1 is the
+    /// published form, in which a vehicle takes up the speed its goal asks for within a second.
+    pub tau_max: f64,
     /// Largest strength of a neighbour's push, in m/s² at zero distance.
     pub k_max: f64,
     /// Largest strength of a line's push: the `k` of the line laws of `gnp_force`.
@@ -70,6 +73,7 @@ impl TrajConfig {
             code: 16,
             encoder: vec![64, 256],
             decoder: vec![512, 256, 512],
+            tau_max: 1.,
             k_max: 100.,
             k_max_line: 10.,
             k_bias: 0.,
@@ -98,6 +102,7 @@ impl TrajConfig {
             }
         }
         let positive = [
+            ("tau_max", self.tau_max),
             ("k_max", self.k_max),
             ("k_max_line", self.k_max_line),
             ("r_col", self.r_col),

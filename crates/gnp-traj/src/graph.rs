@@ -42,7 +42,7 @@ pub(crate) fn roll_out(network: &SocialForce, scene: &Scene, sizes: Sizes, phase
             }
             if let Some(memory) = &memory1 {
                 let code = Tensor::cat(&[attraction.front.code(memory)?, goal_code.clone()], 1)?;
-                let fresh = (sigmoid(&attraction.tau.forward(&code)?)? + scene.dt)?;
+                let fresh = ((sigmoid(&attraction.tau.forward(&code)?)? * cfg.tau_max)? + scene.dt)?;
                 tau = Some(if phase == Phase::Repulsion { fresh.detach() } else { fresh });
             }
             if let Some(memory) = &memory2 {

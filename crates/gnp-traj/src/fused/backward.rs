@@ -108,11 +108,11 @@ impl<'a, 'b> Back<'a, 'b> {
             };
             *dv += *dp * dt;
             let (p, v) = state_of(motion, row);
-            let tau = tape.tau.value(run)[row] + dt;
+            let tau = batch.tau_max * tape.tau.value(run)[row] + dt;
             let pull = goal_force_vjp(p, v, Point2::from(chunk.goal(row)), left, tau, dforce);
             *dp += pull.position;
             *dv += pull.velocity;
-            self.dtau[row] += pull.tau;
+            self.dtau[row] += pull.tau * batch.tau_max;
             dforces.push(dforce);
         }
         if let Some(k) = &tape.k {

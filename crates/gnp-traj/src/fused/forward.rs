@@ -295,7 +295,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         let mut forces = vec![Vector2::zeros(); chunk.rows()];
         for (row, force) in forces.iter_mut().enumerate() {
             let (p, v) = state_of(motion, row);
-            let tau = self.tape.tau.value(run)[row] + dt;
+            let tau = batch.tau_max * self.tape.tau.value(run)[row] + dt;
             *force = goal_force(p, v, Point2::from(chunk.goal(row)), left, tau);
             if let Some(record) = &mut self.outcome.record {
                 let at = row * steps + step;

@@ -18,6 +18,7 @@ pub(crate) fn small() -> TrajConfig {
         code: 6,
         encoder: vec![10, 9],
         decoder: vec![11, 13, 14],
+        tau_max: 1.7,
         k_max: 6.,
         k_max_line: 3.,
         k_bias: -0.5,
