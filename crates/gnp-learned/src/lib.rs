@@ -26,6 +26,7 @@ mod recipe;
 mod sequence;
 mod slstm;
 mod stage;
+mod stdan;
 mod train;
 
 pub use crate::checkpoint::Header;

@@ -10,6 +10,7 @@ use crate::kind::LearnedKind;
 use crate::network::{Ask, Network, Output};
 use crate::recipe::Recipe;
 use crate::slstm::SLstm;
+use crate::stdan::{Stdan, StdanSizes};
 
 /// A network by kind.
 #[derive(Debug)]
@@ -33,6 +34,11 @@ impl Net {
             LearnedKind::SLstm => Body::Lanes(Box::new(SLstm::new(points, vb)?), false),
             LearnedKind::CsLstm => Body::Lanes(Box::new(CsLstm::new(points, false, vb)?), false),
             LearnedKind::CsLstmM => Body::Lanes(Box::new(CsLstm::new(points, true, vb)?), false),
+            LearnedKind::Stdan | LearnedKind::StdanMasked => {
+                let sizes = StdanSizes::published(inputs.clock.past(), points);
+                let masked = kind == LearnedKind::StdanMasked;
+                Body::Lanes(Box::new(Stdan::new(sizes, masked, vb)?), true)
+            }
             other => candle_core::bail!("{} is not built yet ({:?})", other.name(), recipe),
         };
         Ok(Self { inputs, body, device: vb.device().clone() })
