@@ -76,6 +76,12 @@ Examples:
 Example:
   cargo xtask eval --run runs/ngsim --data-dir D --out scores")]
     Eval(EvalArgs),
+    /// Draw the figures of a finished run, as SVG.
+    #[command(after_help = "\
+Examples:
+  cargo xtask figures --run runs/ngsim
+  cargo xtask figures --run runs/ngsim --data-dir D --out figures-of-d")]
+    Figures(FigureArgs),
     /// Measure speed: ours and the floor; with a flag ratios that gate, a whole frame, or PyTorch and JAX beside it.
     #[command(after_help = "\
 Examples:
@@ -177,6 +183,23 @@ pub(crate) struct BenchArgs {
 
 fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "give a whole number from 1".to_owned())
+}
+
+/// What to draw, where to.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct FigureArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// Folder (or file) of other recordings of the same kind and rate to draw scenes of.
+    #[arg(long, value_name = "DIR", requires = "out")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// Folder for the figures [default: figures in the run folder]; figures there are replaced.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
 }
 
 /// The machine, and how much is said.

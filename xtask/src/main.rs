@@ -7,6 +7,7 @@ mod cli;
 mod config;
 mod describe;
 mod evaluate;
+mod figures;
 mod ingest;
 mod memory;
 mod modes;
@@ -57,6 +58,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Repulsion(args) => stage(&args, Stage::Repulsion),
         Command::Evaluate(args) => stage(&args, Stage::Evaluate),
         Command::Eval(args) => score_run::run(&args),
+        Command::Figures(args) => figures::run(&args),
         Command::Bench(args) => bench::run(&args, &Terminal::start(args.quiet, false)),
         Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),
         Command::Tidy => tidy::run(&project::root()),

@@ -1,0 +1,35 @@
+//! Figures as SVG text: data in, a [`Figure`] out, nothing read and nothing written.
+//!
+//! The road frame is drawn as it is: forward to the right, left up. A lateral axis that is stretched
+//! says so. Colours are told apart by colour-blind readers and in grey; forces have the colours of
+//! the GNP paper (goal yellow, neighbours blue, lines black). Every figure names its data, and says
+//! *simulated* where any of it is. The same data gives the same text.
+//!
+//! Figures are 420 units wide with letters of 9 to 12, so that they can be read at the width of one
+//! column of a page.
+
+mod axes;
+mod cases;
+mod chart;
+mod field;
+mod figure;
+mod force_chart;
+mod intention;
+mod palette;
+mod reliability;
+mod road_view;
+mod scene;
+mod select;
+mod space_time;
+mod svg;
+
+pub use crate::cases::{Case, cases};
+pub use crate::chart::{ChartPanel, Scaling, Series, charts};
+pub use crate::field::{Potential, potential_field};
+pub use crate::figure::{Figure, Source};
+pub use crate::force_chart::force_scenes;
+pub use crate::intention::{Intentions, intentions};
+pub use crate::reliability::{ReliabilityBin, reliability, reliability_bins};
+pub use crate::scene::{Box2, Other, Scene};
+pub use crate::select::{Manoeuvre, SceneRule, find_scene, manoeuvre, quantiles};
+pub use crate::space_time::{Forecast1, SpaceTime, Trace, space_time};

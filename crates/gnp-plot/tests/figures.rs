@@ -1,0 +1,315 @@
+//! Drawings read back: what stands where.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)] // helpers of tests
+
+mod drawing;
+
+use drawing::{Element, of, read};
+use gnp_data::{Explanation, LaneLine, LineKind, Mode, SLOTS, StepForces};
+use gnp_plot::{
+    Box2, Case, ChartPanel, Figure, Forecast1, Intentions, Other, Potential, Scaling, Scene, Series, Source, SpaceTime,
+    Trace, cases, charts, force_scenes, intentions, potential_field, reliability, reliability_bins, space_time,
+};
+
+const STEPS: usize = 25;
+
+fn source(simulated: bool) -> Source {
+    Source { words: "a made-up road".to_owned(), simulated }
+}
+
+/// Three lanes; the target goes ahead and to the left; others at known places.
+fn scene() -> Scene {
+    let line = |kind, y| LaneLine { kind, y };
+    let path = |slope: f32| (1..=STEPS).map(|j| [2. * j as f32, slope * j as f32]).collect::<Vec<_>>();
+    let step = StepForces {
+        goal: [1.5, 0.75],
+        neighbours: [-0.5, -0.25],
+        lines: [0., -0.4],
+        by_slot: [[0.; 2]; SLOTS],
+        tau: 0.7,
+        k_slots: std::array::from_fn(|slot| if slot == 0 { 2. } else { 0. }),
+        k_lines: vec![0.3, 0.2, 0.2, 0.3],
+    };
+    let explanation = Explanation { goal: [52., 4.], steps: vec![step; STEPS] };
+    let mode = |probability, slope, explanation| Mode { probability, path: path(slope), explanation };
+    let other = |x, y| Other { now: Box2 { centre: [x, y], size: [5., 2.] }, history: vec![[x - 20., y], [x, y]] };
+    Scene {
+        title: "a scene".to_owned(),
+        lines: vec![
+            line(LineKind::Boundary, -5.25),
+            line(LineKind::Centre, -1.75),
+            line(LineKind::Centre, 1.75),
+            line(LineKind::Boundary, 5.25),
+        ],
+        size: [4.5, 1.8],
+        history: (0..11).map(|i| [2. * (i as f32 - 10.), 0.]).collect(),
+        truth: path(0.15),
+        lane_changes: vec![[24., 1.8]],
+        others: vec![other(30., 3.5), other(-12., -3.5)],
+        modes: vec![mode(0.5, 0.02, Some(explanation)), mode(0.3, 0.14, None), mode(0.2, -0.05, None)],
+        dt: 0.2,
+    }
+}
+
+fn every_figure(simulated: bool) -> Vec<Figure> {
+    let (scene, source) = (scene(), source(simulated));
+    let slots = std::array::from_fn(|slot| (slot == 0).then_some([30., 3.5]));
+    let potential = Potential::of(&scene, &slots, 26.).unwrap();
+    let modes = Intentions {
+        centres: vec![vec![[10., 0.], [20., 0.]], vec![[9., 1.], [18., 3.]]],
+        sizes: vec![40, 3],
+        deviation: false,
+        seconds: 5.,
+    };
+    let bins = reliability_bins(&[(0.1, false), (0.9, true), (0.4, true), (0.45, false)], 10);
+    let lane = SpaceTime {
+        title: "lane 2".to_owned(),
+        traces: vec![Trace { points: vec![[0., 0.], [1., 10.], [2., 30.]] }],
+        forecasts: vec![Forecast1 { points: vec![[1., 10.], [3., 40.]] }],
+    };
+    let case = Case { kind: "left".to_owned(), scene: scene.clone() };
+    vec![
+        force_scenes("scenes", "Forces", &[scene.clone()], 1., &source),
+        cases(&[case], &source),
+        potential_field(&scene, &potential, &source),
+        intentions(&modes, &source),
+        charts("errors", "Errors", "Errors.", &[chart()], &source),
+        reliability(&bins, 6, 4, &source),
+        space_time(&lane, &source),
+    ]
+}
+
+fn chart() -> ChartPanel {
+    let series = |name: &str, factor: f64| Series {
+        name: name.to_owned(),
+        points: (1..=5).map(|s| [f64::from(s), factor * f64::from(s)]).collect(),
+        band: (1..=5).map(|s| Some([0.8 * factor * f64::from(s), 1.2 * factor * f64::from(s)])).collect(),
+    };
+    ChartPanel {
+        title: "RMSE".to_owned(),
+        x: "time ahead (s)".to_owned(),
+        y: "RMSE (m)".to_owned(),
+        scaling: Scaling::FromZero,
+        series: vec![series("gnp", 0.5), series("constant velocity", 1.)],
+    }
+}
+
+/// From scene to drawing, taken from two boxes whose places are known.
+struct Map {
+    origin: [f64; 2],
+    per_m: [f64; 2],
+}
+
+impl Map {
+    fn of(elements: &[Element]) -> Self {
+        let origin = of(elements, "rect", "target")[0].centre();
+        let other = of(elements, "rect", "vehicle")[0].centre();
+        Self { origin, per_m: [(other[0] - origin[0]) / 30., (other[1] - origin[1]) / 3.5] }
+    }
+
+    fn at(&self, p: [f32; 2]) -> [f64; 2] {
+        std::array::from_fn(|i| self.origin[i] + self.per_m[i] * f64::from(p[i]))
+    }
+}
+
+fn close(a: [f64; 2], b: [f64; 2]) -> bool {
+    (a[0] - b[0]).abs() < 0.05 && (a[1] - b[1]).abs() < 0.05
+}
+
+#[test]
+fn forward_is_right_and_left_is_up() {
+    for figure in &every_figure(false)[..3] {
+        let elements = read(&figure.svg);
+        let map = Map::of(&elements);
+        assert!(map.per_m[0] > 0. && map.per_m[1] < 0., "{}: {:?}", figure.name, map.per_m);
+        let behind_right = of(&elements, "rect", "vehicle")[1].centre();
+        assert!(close(behind_right, map.at([-12., -3.5])), "{}: {behind_right:?}", figure.name);
+    }
+}
+
+#[test]
+fn lane_lines_lie_where_they_are() {
+    let elements = read(&every_figure(false)[0].svg);
+    let map = Map::of(&elements);
+    let lines: Vec<f64> = of(&elements, "line", "lane").iter().map(|line| line.number("y1")).collect();
+    let expected = [-5.25, -1.75, 1.75, 5.25].map(|y| map.at([0., y])[1]);
+    assert_eq!(lines.len(), 4);
+    assert!(lines.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.05), "{lines:?} {expected:?}");
+    assert_eq!(of(&elements, "line", "boundary").len(), 2);
+}
+
+/// Forces of a step act where the vehicle then is, and point where they push.
+#[test]
+fn arrows_start_at_the_vehicle_and_point_along_the_force() {
+    let scene = scene();
+    let elements = read(&every_figure(false)[0].svg);
+    let map = Map::of(&elements);
+    for (class, force) in [("goal", [1.5, 0.75]), ("neighbours", [-0.5, -0.25]), ("lines", [0., -0.4])] {
+        let arrows: Vec<&Element> =
+            of(&elements, "line", class).into_iter().filter(|e| e.is("arrow") && !e.is("key")).collect();
+        // Rim and colour: two lines an arrow; steps 0, 5, .. 20.
+        assert_eq!(arrows.len(), 2 * 5, "{class}");
+        for (i, pair) in arrows.chunks(2).enumerate() {
+            let at = if i == 0 { [0., 0.] } else { scene.modes[0].path[5 * i - 1] };
+            let start = [pair[1].number("x1"), pair[1].number("y1")];
+            assert!(close(start, map.at(at)), "{class} {i}: {start:?} is not {:?}", map.at(at));
+        }
+        // The tip is the first point of the head.
+        let tip = elements.iter().find(|e| e.name == "path" && e.is("arrow") && !e.is("key") && e.is(class));
+        let tip = tip.unwrap().points()[0];
+        let drawn = [tip[0] - map.origin[0], map.origin[1] - tip[1]];
+        let along =
+            (drawn[0] * force[0] + drawn[1] * force[1]) / (drawn[0].hypot(drawn[1]) * f64::hypot(force[0], force[1]));
+        assert!(along > 0.999, "{class}: {drawn:?} does not follow {force:?}");
+    }
+}
+
+#[test]
+fn arrows_have_one_scale() {
+    let elements = read(&every_figure(false)[0].svg);
+    let map = Map::of(&elements);
+    let length = |class: &str| {
+        let head = elements.iter().find(|e| e.name == "path" && e.is("arrow") && !e.is("key") && e.is(class)).unwrap();
+        let tip = head.points()[0];
+        (tip[0] - map.origin[0]).hypot(tip[1] - map.origin[1])
+    };
+    let (goal, lines) = (length("goal") / 1.5f64.hypot(0.75), length("lines") / 0.4);
+    assert!((goal - lines).abs() < 0.01 * goal, "{goal} {lines}");
+}
+
+#[test]
+fn a_stretched_axis_says_so() {
+    let elements = read(&every_figure(false)[0].svg);
+    let map = Map::of(&elements);
+    let stretch = -map.per_m[1] / map.per_m[0];
+    let label = elements.iter().find(|e| e.text.contains("stretched")).expect("the label");
+    assert!(stretch > 1.5);
+    assert_eq!(label.text, format!("forward of the vehicle (m); lateral axis stretched \u{d7}{stretch:.0}"));
+    let target = of(&elements, "rect", "target")[0];
+    assert!((target.number("width") / map.per_m[0] - 4.5).abs() < 0.02);
+    assert!((target.number("height") / -map.per_m[1] - 1.8).abs() < 0.02);
+}
+
+#[test]
+fn the_best_of_k_is_the_one_that_ends_nearest() {
+    let scene = scene();
+    let elements = read(&every_figure(false)[1].svg);
+    let map = Map::of(&elements);
+    let best = of(&elements, "path", "best");
+    let end = *best[0].points().last().unwrap();
+    assert_eq!((scene.best(), best.len()), (1, 1));
+    assert!(close(end, map.at(scene.modes[1].path[STEPS - 1])), "{end:?}");
+    assert_eq!(of(&elements, "path", "mode").len(), 2);
+    let truth = of(&elements, "path", "truth")[0].points();
+    assert!(close(truth[0], map.origin) && close(truth[12], map.at(scene.truth[11])));
+    let past = of(&elements, "path", "past")[0].points();
+    assert!(close(past[0], map.at([-20., 0.])) && close(past[10], map.origin));
+}
+
+#[test]
+fn simulated_is_said_in_every_figure() {
+    for (simulated, plain) in every_figure(true).iter().zip(every_figure(false)) {
+        let says = |figure: &Figure| {
+            read(&figure.svg).iter().any(|e| e.name == "text" && e.is("source") && e.text.contains("simulated"))
+        };
+        assert!(says(simulated) && simulated.caption.contains("Simulated"), "{}", simulated.name);
+        assert!(!says(&plain), "{}", plain.name);
+    }
+}
+
+#[test]
+fn figures_are_whole_and_the_same_every_time() {
+    for (figure, again) in every_figure(true).iter().zip(every_figure(true)) {
+        assert_eq!(*figure, again);
+        assert!(!figure.svg.contains("NaN") && !figure.svg.contains("inf"), "{}", figure.name);
+        let elements = read(&figure.svg);
+        assert_eq!(elements[0].number("width"), 420.);
+        for text in elements.iter().filter(|e| e.name == "text") {
+            let size = text.attributes.get("font-size").map_or(10., |size| size.parse::<f64>().unwrap());
+            assert!(size >= 8.5, "{}: {text:?}", figure.name);
+        }
+    }
+}
+
+#[test]
+fn axes_carry_units() {
+    for figure in every_figure(false) {
+        let elements = read(&figure.svg);
+        let axes: Vec<String> = of(&elements, "text", "axes").iter().map(|e| e.text.clone()).collect();
+        let bare =
+            ["mode", "training futures", "modes", "probability given to a mode", "share nearest to the truth of 6"];
+        for label in axes.iter().filter(|text| text.chars().any(char::is_alphabetic)) {
+            assert!(label.contains('(') || bare.contains(&label.as_str()), "{}: {label}", figure.name);
+        }
+    }
+}
+
+#[test]
+fn nothing_at_all_is_drawn_without_breaking() {
+    let empty = Scene {
+        lines: Vec::new(),
+        history: Vec::new(),
+        truth: Vec::new(),
+        lane_changes: Vec::new(),
+        others: Vec::new(),
+        modes: Vec::new(),
+        ..scene()
+    };
+    let nowhere = Scene { truth: vec![[f32::NAN, 1.], [f32::INFINITY, 2.]], ..scene() };
+    let no_lane = SpaceTime { title: String::new(), traces: Vec::new(), forecasts: Vec::new() };
+    let none = Intentions { centres: Vec::new(), sizes: Vec::new(), deviation: true, seconds: 5. };
+    let source = source(false);
+    for figure in [
+        force_scenes("scenes", "Forces", &[empty, nowhere], 1., &source),
+        force_scenes("scenes", "Forces", &[], 1., &source),
+        cases(&[], &source),
+        intentions(&none, &source),
+        charts("errors", "Errors", "", &[ChartPanel { series: Vec::new(), ..chart() }], &source),
+        reliability(&[], 6, 0, &source),
+        space_time(&no_lane, &source),
+    ] {
+        read(&figure.svg);
+        assert!(!figure.svg.contains("NaN"), "{}", figure.name);
+    }
+}
+
+#[test]
+fn larger_errors_are_higher_and_intervals_lie_around() {
+    let elements = read(&every_figure(false)[4].svg);
+    let series = of(&elements, "path", "series");
+    let (gnp, constant) = (series[0].points(), series[1].points());
+    assert!(gnp.iter().zip(&constant).all(|(a, b)| a[0] == b[0] && a[1] > b[1]));
+    // The axis begins at 0, so heights are in proportion.
+    let bottom = of(&elements, "rect", "axes")[0];
+    let zero = bottom.number("y") + bottom.number("height");
+    assert!(((zero - constant[4][1]) / (zero - gnp[4][1]) - 2.).abs() < 0.01);
+    let band = of(&elements, "path", "interval")[0].points();
+    assert!(band[4][1] < gnp[4][1] && band[5][1] > gnp[4][1]);
+    assert_ne!(series[0].attributes["stroke"], series[1].attributes["stroke"]);
+    assert_ne!(series[0].attributes["stroke-dasharray"], series[1].attributes["stroke-dasharray"]);
+}
+
+#[test]
+fn time_runs_right_and_the_road_up() {
+    let elements = read(&every_figure(false)[6].svg);
+    let forecast = of(&elements, "path", "forecast")[0].points();
+    assert!(forecast[1][0] > forecast[0][0] && forecast[1][1] < forecast[0][1]);
+    let trace: Vec<[f64; 2]> = of(&elements, "path", "trace").iter().flat_map(|e| e.points()).collect();
+    assert!(close(trace[1], forecast[0]), "the forecast begins where the vehicle is");
+}
+
+#[test]
+fn the_potential_is_that_of_the_laws() {
+    let scene = scene();
+    let slots = std::array::from_fn(|slot| (slot == 0).then_some([30., 3.5]));
+    let potential = Potential::of(&scene, &slots, 26.).unwrap();
+    // At the neighbour: 26 m times 2 m/s², and the lines 1.75 m beside it.
+    let centre = 0.2 * ((-1.75f64 * 1.75).exp() + (-16f64).exp());
+    let edge = 0.5 * 0.3 / (1.75 * 1.75) + 0.5 * 0.3 / (8.75 * 8.75);
+    let value = potential.at(&scene, 30., 3.5);
+    assert!((value - (52. + centre + edge)).abs() < 1e-3, "{value}");
+    assert!(potential.at(&scene, 0., 0.) < value);
+    // Beyond an edge it rises on: back to the road is down.
+    assert!(potential.at(&scene, 0., 6.) > potential.at(&scene, 0., 5.));
+    assert!(potential.at(&scene, 0., -6.) > potential.at(&scene, 0., -5.));
+}
