@@ -50,11 +50,15 @@ pub(crate) fn run(session: &mut Session) -> Result<()> {
     let mut futures = Vec::with_capacity(split.train().len() * 2 * set.shape().predicted);
     for window in split.train().iter().filter_map(|id| set.get(*id)) {
         futures.extend(features.future(&Seen::recorded(window.observation()), &window));
+        // A network that learns from mirrored windows needs modes for them, too.
+        if session.config.goal.loss.mirror > 0. {
+            futures.extend(features.future(&Seen::mirrored(window.observation()), &window));
+        }
     }
     let modes = fit(&futures, set.shape().predicted, features.mode_frame(), &session.config.modes)?;
     modes.save(&session.folder.path("modes.safetensors"))?;
     let (most, least) = (modes.sizes.first().copied().unwrap_or(0), modes.sizes.last().copied().unwrap_or(0));
-    let windows = split.train().len();
+    let windows = futures.len() / (2 * set.shape().predicted).max(1);
     let rms = (modes.inertia / (windows * set.shape().predicted).max(1) as f64).sqrt();
     session.terminal().note(&format!(
         "modes: {} of {windows} futures, {least} to {most} in each, {rms:.2} m root mean square to the nearest{}",

@@ -265,8 +265,9 @@ fn scenes_reach_models_whole_and_in_order() {
         Ok(())
     };
     evaluate(&set, &ids, &[Entrant::Predictor(&model)], &config(&[Protocol::Clean]), &mut watch).unwrap();
-    let expected = [(6, "a1 a2 a3", 3), (20, "a1 a2 a3", 6), (6, "b1 b2 b3", 9), (20, "b1 b2 b3", 12)];
-    assert_eq!(seen, expected.map(|(asked, keys, done)| (asked, keys.to_owned(), done, 12)));
+    let scenes = ["a1 a2 a3", "b1 b2 b3"].into_iter().flat_map(|keys| [1, 6, 20].map(|asked| (asked, keys)));
+    let expected = scenes.zip(1..).map(|((asked, keys), batch)| (asked, keys.to_owned(), 3 * batch, 18));
+    assert_eq!(seen, expected.collect::<Vec<_>>());
 }
 
 #[test]
