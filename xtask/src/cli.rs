@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use gnp_data::Dataset;
+use gnp_eval::Protocol;
 
 use crate::config::Setting;
 
@@ -76,6 +77,29 @@ Examples:
 Example:
   cargo xtask eval --run runs/ngsim --data-dir D --out scores")]
     Eval(EvalArgs),
+    /// Score anyone's predictions, in the Parquet schema of predictions.parquet, beside constant velocity.
+    #[command(after_help = "\
+Examples:
+  cargo xtask score --predictions theirs.parquet --dataset ngsim --run runs/ngsim --out scores
+  cargo xtask score --predictions theirs.parquet --dataset highd --data-dir D --protocol av2
+
+With --run the windows are the run's test part, without it all windows of the data. A file that lacks
+a window is refused. docs/data.md has the columns.")]
+    Score(ScoreArgs),
+    /// Train what is missing and score every system on the same windows: the paper's Table 1, ours.
+    #[command(after_help = "\
+Examples:
+  cargo xtask table1 --dataset ngsim
+  cargo xtask table1 --dataset highd --data-dir D --out runs/table1-highd
+  cargo xtask table1 --dataset ngsim --resume          go on; a finished model is not trained again
+
+Writes table1.md, table1.csv, table1.json and differences.json to --out [default: runs/table1-NAME].")]
+    Table1(TableArgs),
+    /// Train and score the ablations of GNP: the paper's Table 2, ours.
+    #[command(after_help = "\
+Example:
+  cargo xtask table2 --dataset ngsim --resume")]
+    Table2(TableArgs),
     /// Draw the figures of a finished run, as SVG.
     #[command(after_help = "\
 Examples:
@@ -152,6 +176,23 @@ pub(crate) struct EvalArgs {
     pub(crate) machine: MachineArgs,
 }
 
+/// What to draw, where to.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct FigureArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// Folder (or file) of other recordings of the same kind and rate to draw scenes of.
+    #[arg(long, value_name = "DIR", requires = "out")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// Folder for the figures [default: figures in the run folder]; figures there are replaced.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
 /// What to measure.
 #[derive(Clone, Copy, Debug, Args)]
 pub(crate) struct BenchArgs {
@@ -185,21 +226,80 @@ fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "give a whole number from 1".to_owned())
 }
 
-/// What to draw, where to.
+/// Whose predictions, on which windows.
 #[derive(Clone, Debug, Args)]
-pub(crate) struct FigureArgs {
-    /// The finished run.
+pub(crate) struct ScoreArgs {
+    /// The file.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) predictions: PathBuf,
+    /// Kind of data.
+    #[arg(long, value_enum)]
+    pub(crate) dataset: DatasetName,
+    /// A run whose test part is scored on.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["data_dir", "config", "set"])]
+    pub(crate) run: Option<PathBuf>,
+    /// Folder (or file) of recordings; without it and without --run the data embedded in the project.
     #[arg(long, value_name = "DIR")]
-    pub(crate) run: PathBuf,
-    /// Folder (or file) of other recordings of the same kind and rate to draw scenes of.
-    #[arg(long, value_name = "DIR", requires = "out")]
     pub(crate) data_dir: Option<PathBuf>,
-    /// Folder for the figures [default: figures in the run folder]; figures there are replaced.
+    /// Configuration that says how windows are cut [default: configs/ and the data set's name].
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Override a key of the configuration, such as windows.stride_s=1.0; repeatable.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<Setting>,
+    /// Protocol; repeatable [default: those of the configuration].
+    #[arg(long, value_enum)]
+    pub(crate) protocol: Vec<ProtocolName>,
+    /// Folder for the scores, which must not exist or be empty; without it they are only printed.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,
+}
+
+/// Which table.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct TableArgs {
+    /// Data, configuration of GNP, and folder of the table.
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// Recipes of the learned baselines [default: configs/learned.toml]; table2 has none.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) recipes: Option<PathBuf>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// `--protocol`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProtocolName {
+    /// No future input; top-1 and best of 6.
+    Clean,
+    /// Top-1 at the instant.
+    Literature,
+    /// Best of 20, averaged up to the horizon.
+    Paper,
+    /// Metrics of Argoverse 2.
+    Av2,
+    /// Metrics of nuScenes.
+    Nuscenes,
+    /// Metrics of Waymo motion.
+    Waymo,
+}
+
+impl From<ProtocolName> for Protocol {
+    fn from(name: ProtocolName) -> Self {
+        match name {
+            ProtocolName::Clean => Self::Clean,
+            ProtocolName::Literature => Self::Literature,
+            ProtocolName::Paper => Self::Paper,
+            ProtocolName::Av2 => Self::Argoverse2,
+            ProtocolName::Nuscenes => Self::NuScenes,
+            ProtocolName::Waymo => Self::Waymo,
+        }
+    }
 }
 
 /// The machine, and how much is said.

@@ -68,7 +68,7 @@ pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
         NeighbourFuture::Oracle => NeighbourFuture::ConstantVelocity,
         other => other,
     };
-    let gnp = Gnp::load(scoring.model, neighbours, &session.machine.device)?;
+    let gnp = Gnp::load(scoring.model, neighbours, &session.machine.device)?.selecting(config.predict.selection);
     let (goal_head, oracle) = (gnp.goal_head(), gnp.oracle());
     let (velocity, acceleration) = (ConstantVelocity::default(), ConstantAcceleration::default());
     let (kalman, idm) = (Kalman::default(), Idm::default());
@@ -92,7 +92,9 @@ pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
     let mut markdown = heading(scoring);
     terminal.result(&format!("\nScored on {}", scoring.data.words));
     for table in &tables {
-        terminal.result(&format!("\n{}", table.terminal()));
+        if !table.detail {
+            terminal.result(&format!("\n{}", table.terminal()));
+        }
         let _ = write!(markdown, "\n{}\n", table.markdown().trim_end());
     }
     write(&scoring.out.join("metrics.md"), markdown.as_bytes())

@@ -14,10 +14,12 @@ mod modes;
 mod pipeline;
 mod project;
 mod run_folder;
+mod score_file;
 mod score_run;
 mod session;
 mod source;
 mod stop;
+mod tables;
 mod terminal;
 mod tidy;
 mod training;
@@ -58,6 +60,9 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Repulsion(args) => stage(&args, Stage::Repulsion),
         Command::Evaluate(args) => stage(&args, Stage::Evaluate),
         Command::Eval(args) => score_run::run(&args),
+        Command::Score(args) => score_file::run(&args),
+        Command::Table1(args) => tables::table1(&args),
+        Command::Table2(args) => tables::table2(&args),
         Command::Figures(args) => figures::run(&args),
         Command::Bench(args) => bench::run(&args, &Terminal::start(args.quiet, false)),
         Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),

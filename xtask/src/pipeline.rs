@@ -15,15 +15,18 @@ use crate::stop::Interrupted;
 use crate::terminal::duration;
 use crate::{evaluate, ingest, memory, modes, project, source, training};
 
+/// How a pipeline goes on.
+const RESUME: &str = "cargo xtask pipeline --resume --out RUN";
+
 /// `pipeline`: everything that is not finished yet.
 ///
 /// # Errors
 /// The first stage's that fails.
 pub(crate) fn run(run: &RunArgs, machine: &MachineArgs) -> Result<()> {
     let started = Instant::now();
-    let mut session = begin(run, machine, true)?;
+    let mut session = begin(run, Machine::start(machine)?, true)?;
     for stage in Stage::ALL {
-        perform(&mut session, stage)?;
+        perform(&mut session, stage, RESUME)?;
     }
     let root = session.folder.root().display();
     session.terminal().note(&format!(
@@ -39,7 +42,7 @@ pub(crate) fn run(run: &RunArgs, machine: &MachineArgs) -> Result<()> {
 /// # Errors
 /// What is wrong with the recordings.
 pub(crate) fn ingest_only(run: &RunArgs, machine: &MachineArgs) -> Result<()> {
-    let session = begin(run, machine, false)?;
+    let session = begin(run, Machine::start(machine)?, false)?;
     let root = session.folder.root().display();
     session.terminal().note(&format!("{root} is ready; next: cargo xtask modes --run {root}"));
     Ok(())
@@ -57,12 +60,12 @@ pub(crate) fn one_stage(args: &StageArgs, stage: Stage) -> Result<()> {
     if args.again {
         session.folder.forget(stage)?;
     }
-    perform(&mut session, stage)
+    perform(&mut session, stage, RESUME)
 }
 
 /// Opens the run folder that the command line names, or starts it with ingest; with `part` also the
 /// split, so that recordings that cannot be split leave nothing behind.
-fn begin(run: &RunArgs, machine: &MachineArgs, part: bool) -> Result<Session> {
+fn begin(run: &RunArgs, machine: Machine, part: bool) -> Result<Session> {
     let resumed = match &run.out {
         Some(out) if run.resume && occupied(out)? => Some(out.clone()),
         _ => None,
@@ -79,14 +82,14 @@ fn begin(run: &RunArgs, machine: &MachineArgs, part: bool) -> Result<Session> {
     }
     let (config, name) = RunConfig::resolve(run)?;
     let root = run.out.clone().unwrap_or_else(|| default_out(&name));
-    start(run, config, Machine::start(machine)?, &root, part)
+    start(run, config, machine, &root, part)
 }
 
-fn default_out(name: &str) -> PathBuf {
+pub(crate) fn default_out(name: &str) -> PathBuf {
     project::root().join("runs").join(name)
 }
 
-fn resume(run: &RunArgs, machine: &MachineArgs, root: &Path) -> Result<Session> {
+fn resume(run: &RunArgs, machine: Machine, root: &Path) -> Result<Session> {
     let folder = RunFolder::open(root)?;
     let config = RunConfig::read(&folder.path("config.toml"), &[])?;
     if run.config.is_some() || !run.set.is_empty() || run.dataset.is_some_and(|name| config.dataset != name.into()) {
@@ -99,7 +102,7 @@ fn resume(run: &RunArgs, machine: &MachineArgs, root: &Path) -> Result<Session> 
         let then = folder.state.data.dir.display();
         bail!("{} was made from {then}; resume without --data-dir, or take another --out", root.display());
     }
-    let session = Session::new(folder, config, Machine::start(machine)?);
+    let session = Session::new(folder, config, machine);
     say_data(&session);
     Ok(session)
 }
@@ -134,8 +137,22 @@ fn say_data(session: &Session) {
     session.terminal().result(&format!("Data: {}", session.folder.state.data.words));
 }
 
-/// Does a stage unless it is finished.
-fn perform(session: &mut Session, stage: Stage) -> Result<()> {
+/// A trained model in the run folder that `run` names, from where an earlier start of it stopped.
+/// `resume` is the command that goes on after an interruption.
+///
+/// # Errors
+/// As [`run`].
+pub(crate) fn trained(run: &RunArgs, machine: Machine, resume: &str) -> Result<Session> {
+    let mut session = begin(&RunArgs { resume: true, ..run.clone() }, machine, true)?;
+    for stage in Stage::ALL.into_iter().filter(|stage| *stage != Stage::Evaluate) {
+        perform(&mut session, stage, resume)?;
+    }
+    Ok(session)
+}
+
+/// Does a stage unless it is finished. `resume` is the command that goes on after an interruption;
+/// `RUN` in it stands for the folder.
+pub(crate) fn perform(session: &mut Session, stage: Stage, resume: &str) -> Result<()> {
     let name = stage.name();
     if session.folder.has(stage) {
         if stage != Stage::Ingest {
@@ -156,7 +173,7 @@ fn perform(session: &mut Session, stage: Stage) -> Result<()> {
     };
     done.map_err(|error| {
         if error.is::<Interrupted>() {
-            error.context(format!("what is done is kept; go on with `cargo xtask pipeline --resume --out {root}`"))
+            error.context(format!("what is done is kept; go on with `{}`", resume.replace("RUN", &root)))
         } else {
             error.context(format!("{name} failed"))
         }

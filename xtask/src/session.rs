@@ -15,7 +15,7 @@ use crate::stop;
 use crate::terminal::Terminal;
 
 /// The machine as the command line asks for it.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Machine {
     /// Where tensors live.
     pub(crate) device: Device,

@@ -78,7 +78,7 @@ fn train(session: &Session, stage: &dyn Stage, config: &TrainConfig, mut checkpo
     let name = stage.name();
     let last = checkpoints.last()?;
     let events = EventWriter::create(&session.folder.path("events"))?;
-    let watch = Watch { terminal: session.terminal(), name, epochs: config.epochs, work: None, done: 0 };
+    let watch = Watch::new(session.terminal(), name, config.epochs);
     let mut trainer = Trainer { config, sink: &mut checkpoints, observer: (watch, events), stop: &STOP };
     let started = Instant::now();
     let outcome = match &last {
@@ -104,12 +104,19 @@ fn train(session: &Session, stage: &dyn Stage, config: &TrainConfig, mut checkpo
 }
 
 /// Shows a training as it goes.
-struct Watch<'a> {
+pub(crate) struct Watch<'a> {
     terminal: &'a Terminal,
     name: &'static str,
     epochs: usize,
     work: Option<Work>,
     done: u64,
+}
+
+impl<'a> Watch<'a> {
+    /// Watches the training called `name` of so many epochs.
+    pub(crate) fn new(terminal: &'a Terminal, name: &'static str, epochs: usize) -> Self {
+        Self { terminal, name, epochs, work: None, done: 0 }
+    }
 }
 
 impl Observer for Watch<'_> {

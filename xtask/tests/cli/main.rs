@@ -7,3 +7,4 @@ mod bad_input;
 mod pipeline;
 mod program;
 mod settings;
+mod tables;

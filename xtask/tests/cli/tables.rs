@@ -1,0 +1,173 @@
+//! Tables of all systems and of ablations, and other people's predictions, with tiny networks.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::program::{data, names, root, run, smoke};
+
+const SCENES: [&str; 2] = ["ngsim/us101-13_1.csv.gz", "ngsim/us101-24_1.csv.gz"];
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn strings(value: &Value) -> Vec<&str> {
+    value.as_array().unwrap().iter().map(|item| item.as_str().unwrap()).collect()
+}
+
+/// Two of the recipes that come with the project, over in a moment.
+fn recipes(folder: &Path) -> String {
+    let mut recipes: toml::Table = fs::read_to_string(root().join("configs/learned.toml")).unwrap().parse().unwrap();
+    recipes.retain(|stem, _| ["s_lstm", "cs_lstm_m"].contains(&stem));
+    for (_, recipe) in recipes.iter_mut() {
+        for (key, value) in [("warm_up_epochs", 1), ("likelihood_epochs", 1), ("epoch_windows", 32)] {
+            recipe.as_table_mut().unwrap().insert(key.to_owned(), value.into());
+        }
+    }
+    let path = folder.join("recipes.toml");
+    fs::write(&path, recipes.to_string()).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+fn arguments<'a>(command: &'a str, data: &'a Path, out: &'a Path, config: &'a Path, more: &[&'a str]) -> Vec<&'a str> {
+    let mut arguments = vec![command, "--config", config.to_str().unwrap(), "--data-dir", data.to_str().unwrap()];
+    arguments.extend(["--out", out.to_str().unwrap()]);
+    arguments.extend(more);
+    arguments
+}
+
+#[test]
+fn every_system_is_trained_once_and_scored_on_the_same_windows() {
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let (place, recipes) = (out.path().join("table"), recipes(out.path()));
+    let table1 = |more: &[&str]| {
+        let more: Vec<&str> = ["--recipes", &recipes].into_iter().chain(more.iter().copied()).collect();
+        run(&arguments("table1", data.path(), &place, &config, &more))
+    };
+    let first = table1(&[]).well();
+    assert!(first.err.contains("table1: 7 of 8, S-LSTM") && first.err.contains("S-LSTM: epoch 2/2"), "{}", first.err);
+    assert_eq!(names(&place), ["differences.json", "gnp", "learned", "table1.csv", "table1.json", "table1.md"]);
+    let content = json(&place.join("table1.json"));
+    let blind = ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM"];
+    let learned = ["S-LSTM", "CS-LSTM(M)"];
+    assert_eq!(strings(&content["systems"]), [&blind[..], &learned].concat());
+    assert!(strings(&content["missing"]).iter().any(|text| text.starts_with("CS-LSTM: has no recipe")));
+    let test = content["windows"].as_u64().unwrap();
+    for score in content["scores"].as_array().unwrap() {
+        let whole = score["manoeuvre"].is_null() && score["metric"] != "off_road";
+        assert!(!whole || score["windows"] == test, "{score}");
+    }
+    assert!(content["differences"].as_array().unwrap().iter().all(|row| row["a"] == "gnp"));
+
+    let markdown = fs::read_to_string(place.join("table1.md")).unwrap();
+    for part in
+        ["protocol clean", "keep: IDM", "gnp minus", "printed, not re-run", "*1.86/3.91/1.59*", "CS-LSTM: has no"]
+    {
+        assert!(markdown.contains(part), "no `{part}` in:\n{markdown}");
+    }
+    let csv = fs::read_to_string(place.join("table1.csv")).unwrap();
+    assert!(csv.lines().all(|line| line.matches(',').count() >= 5), "{csv}");
+    assert!(csv.contains("literature printed (not re-run),\"PiP\",RMSE 5 s,4.04,,\n"), "{csv}");
+
+    // Once more: nothing is trained again, and the numbers are the same ones.
+    table1(&[]).badly(&["not empty", "--resume"]);
+    let again = table1(&["--resume"]).well();
+    assert!(again.err.contains("goal: finished before") && !again.err.contains("epoch"), "{}", again.err);
+    assert_eq!(json(&place.join("table1.json")), content);
+}
+
+#[test]
+fn ablations_share_what_they_do_not_change() {
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let place = out.path().join("table");
+    let finished = run(&arguments("table2", data.path(), &place, &config, &[])).well();
+    assert!(finished.err.contains("table2: 8 of 12, explicit Euler"), "{}", finished.err);
+    let content = json(&place.join("table2.json"));
+    let systems = strings(&content["systems"]);
+    assert_eq!((systems.len(), systems[0]), (12, "gnp"));
+
+    // A goal network with one mode takes the forces over and the other way round.
+    let same = |variant: &str, file: &str| {
+        let read = |folder: &str| fs::read(place.join(folder).join(file)).unwrap();
+        read("gnp") == read(&format!("variants/{variant}"))
+    };
+    for (variant, file, expected) in [
+        ("modes-modes-1", "goal.safetensors", false),
+        ("modes-modes-1", "repulsion.safetensors", true),
+        ("traj-lines-false", "goal.safetensors", true),
+        ("traj-lines-false", "repulsion.safetensors", false),
+        ("predict-neighbours-oracle", "attraction.safetensors", true),
+        ("modes-modes-16", "split.json", true),
+    ] {
+        assert_eq!(same(variant, file), expected, "{variant}/{file}");
+    }
+
+    // One goal means one future; what is told the future is marked and stays out of clean.
+    let score = |model: &str, protocol: &str, metric: &str, k: u64| {
+        let scores = content["scores"].as_array().unwrap();
+        let found = scores.iter().find(|s| {
+            s["model"] == model
+                && s["protocol"] == protocol
+                && s["metric"] == metric
+                && s["k"] == k
+                && s["horizon_s"] == 5.
+        });
+        found.map(|score| (score["value"].as_f64().unwrap(), score["future_input"].as_bool().unwrap()))
+    };
+    assert_eq!(score("no modes", "clean", "min_fde", 6), score("no modes", "clean", "fde", 1));
+    assert_ne!(score("no modes", "clean", "fde", 1), score("no modes, no repulsion", "clean", "fde", 1));
+    for told in ["true goal", "oracle neighbours"] {
+        assert_eq!(score(told, "clean", "fde", 1), None);
+        assert!(score(told, "paper", "min_fde", 20).unwrap().1);
+    }
+    assert!(score("true goal", "paper", "min_fde", 20).unwrap().0 < score("gnp", "paper", "min_fde", 20).unwrap().0);
+}
+
+#[test]
+fn predictions_of_others_are_scored_like_ours() {
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let made = out.path().join("run");
+    run(&arguments("pipeline", data.path(), &made, &config, &[])).well();
+    let file = made.join("predictions.parquet");
+    let score = |more: &[&str]| {
+        let mut arguments = vec!["score", "--predictions", file.to_str().unwrap()];
+        arguments.extend(more);
+        run(&arguments)
+    };
+    let (made_text, place) = (made.to_str().unwrap(), out.path().join("scores"));
+    let place_text = place.to_str().unwrap();
+    let well = ["--dataset", "ngsim", "--run", made_text, "--protocol", "clean", "--out", place_text];
+    score(&well).well();
+    assert_eq!(names(&place), ["differences.json", "metrics.csv", "metrics.json", "metrics.md"]);
+    // The file holds the six futures that clean asks for: the same numbers as the model's own.
+    let value = |path: &Path, model: &str| {
+        let scores = json(path);
+        let found = scores.as_array().unwrap().iter().find(|s| {
+            s["model"] == model
+                && s["protocol"] == "clean"
+                && s["metric"] == "min_fde"
+                && s["k"] == 6
+                && s["horizon_s"] == 5.
+        });
+        found.unwrap()["value"].as_f64().unwrap()
+    };
+    for model in ["gnp", "constant velocity"] {
+        let (theirs, ours) = (value(&place.join("metrics.json"), model), value(&made.join("metrics.json"), model));
+        assert!((theirs - ours).abs() < 1e-6, "{model}: {theirs}, {ours}");
+    }
+    let printed = score(&["--dataset", "ngsim", "--run", made_text, "--protocol", "waymo", "--protocol", "av2"]).well();
+    assert!(printed.out.contains("protocol waymo") && printed.out.contains("protocol av2"), "{}", printed.out);
+
+    // All windows of the data are more than the test part: what is missing is counted and named.
+    let data_text = data.path().to_str().unwrap();
+    score(&["--dataset", "ngsim", "--config", config.to_str().unwrap(), "--data-dir", data_text]).badly(&[
+        "of 193 windows have no prediction",
+        "recording us101-13_1, vehicle ",
+        "more",
+    ]);
+    score(&["--dataset", "highd"]).badly(&["predictions for ngsim, not for highd"]);
+    score(&["--dataset", "ngsim", "--run", made_text, "--out", place_text]).badly(&["not empty"]);
+}
