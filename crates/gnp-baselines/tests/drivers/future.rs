@@ -1,3 +1,5 @@
+//! Whether anything recorded after the last observed frame reaches a forecast.
+
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
 use gnp_data::Predictor;
 

@@ -1,3 +1,5 @@
+//! The Intelligent Driver Model against its equations.
+
 use gnp_baselines::{Idm, IdmParameters, Leader};
 use gnp_data::WindowShape;
 

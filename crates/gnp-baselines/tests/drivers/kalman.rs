@@ -1,3 +1,5 @@
+//! The Kalman filter against closed forms.
+
 use std::f64::consts::PI;
 
 use gnp_baselines::{AxisNoise, ConstantVelocity, Gaussian, Kalman};
