@@ -86,12 +86,17 @@ impl PathEncoder {
 
     /// Codes `[rows, 64]` of paths `[points, rows, input]`.
     pub(crate) fn last(&self, paths: &Tensor) -> Result<Tensor> {
-        let (points, rows, _) = paths.dims3()?;
-        if rows == 0 {
-            return Tensor::zeros((0, ENCODED), paths.dtype(), paths.device());
-        }
-        self.lstm.states(&leaky(&self.embed.forward(paths)?)?)?.get(points - 1)
+        read(&self.embed, &self.lstm, paths)
     }
+}
+
+/// Codes `[rows, 64]` of paths `[points, rows, input]`: embedded, then read to the last point.
+pub(crate) fn read(embed: &Linear, lstm: &Recurrent, paths: &Tensor) -> Result<Tensor> {
+    let (points, rows, _) = paths.dims3()?;
+    if rows == 0 {
+        return Tensor::zeros((0, ENCODED), paths.dtype(), paths.device());
+    }
+    lstm.states(&leaky(&embed.forward(paths)?)?)?.get(points - 1)
 }
 
 /// Unrolls a code into the parameters of a Gaussian at every point of the future: LSTM of 128 units

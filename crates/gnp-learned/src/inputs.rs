@@ -30,6 +30,8 @@ pub(crate) struct Past {
     /// Class, speed and acceleration of targets and neighbours, `[points, windows or occupied, 3]`,
     /// for networks that read them. Both rates are backward differences of points.
     pub(crate) features: Option<[Tensor; 2]>,
+    /// Vehicles left out because a nearer one stands in their cell.
+    pub(crate) collisions: usize,
 }
 
 impl Past {
@@ -77,10 +79,13 @@ impl Inputs {
     pub(crate) fn past(&self, observations: &[Observation<'_>], features: bool, device: &Device) -> Result<Past> {
         let (mut targets, mut neighbours, mut cells) = (Vec::new(), Vec::new(), Vec::new());
         let (mut target_classes, mut neighbour_classes) = (Vec::new(), Vec::new());
+        let mut collisions = 0;
         for (b, observation) in observations.iter().enumerate() {
             targets.push(self.target(observation));
             target_classes.push(observation.class());
-            for occupant in by_lane(observation).occupants {
+            let grid = by_lane(observation);
+            collisions += grid.collisions;
+            for occupant in grid.occupants {
                 neighbours.push(self.neighbour(&occupant.neighbour));
                 neighbour_classes.push(occupant.neighbour.class());
                 cells.push((LANE_CELLS * b + occupant.cell) as u32);
@@ -98,6 +103,7 @@ impl Inputs {
             neighbours: by_time(&neighbours, points, device)?,
             cells,
             features,
+            collisions,
         })
     }
 

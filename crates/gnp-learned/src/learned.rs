@@ -53,13 +53,13 @@ impl Learned {
     ///
     /// # Errors
     /// [`LearnedError::NoPlan`] for a network that takes no plan.
-    pub fn with_surrogate_plan(self) -> Result<Self, LearnedError> {
-        match self.kind {
-            LearnedKind::PipInformed | LearnedKind::PipSurrogate => {
-                Ok(Self { kind: LearnedKind::PipSurrogate, ..self })
-            }
-            other => Err(LearnedError::NoPlan { kind: other.name() }),
+    pub fn with_surrogate_plan(mut self) -> Result<Self, LearnedError> {
+        if self.kind.trained_as() != LearnedKind::PipInformed {
+            return Err(LearnedError::NoPlan { kind: self.kind.name() });
         }
+        self.net.plan_constant_velocity();
+        self.kind = LearnedKind::PipSurrogate;
+        Ok(self)
     }
 
     /// Which baseline it is.

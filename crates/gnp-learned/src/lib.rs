@@ -21,12 +21,16 @@ mod learned;
 mod manoeuvre;
 mod net;
 mod network;
+mod norm;
+mod pip;
 mod pooling;
 mod recipe;
 mod sequence;
 mod slstm;
 mod stage;
 mod stdan;
+#[cfg(test)]
+mod tests;
 mod train;
 
 pub use crate::checkpoint::Header;

@@ -3,11 +3,13 @@
 use candle_core::{Device, Result};
 use candle_nn::VarBuilder;
 use gnp_data::{Observation, Truth};
+use tracing::debug;
 
 use crate::cslstm::CsLstm;
 use crate::inputs::{Inputs, Past};
 use crate::kind::LearnedKind;
 use crate::network::{Ask, Network, Output};
+use crate::pip::{Pip, Plan, Scenes};
 use crate::recipe::Recipe;
 use crate::slstm::SLstm;
 use crate::stdan::{Stdan, StdanSizes};
@@ -24,6 +26,8 @@ pub(crate) struct Net {
 enum Body {
     /// On the grid by lane; with class, speed and acceleration or without.
     Lanes(Box<dyn Network<Past>>, bool),
+    /// PiP, with the source of its plan and the number of targets that it fuses.
+    Places(Box<Pip>, Plan, usize),
 }
 
 impl Net {
@@ -34,12 +38,20 @@ impl Net {
             LearnedKind::SLstm => Body::Lanes(Box::new(SLstm::new(points, vb)?), false),
             LearnedKind::CsLstm => Body::Lanes(Box::new(CsLstm::new(points, false, vb)?), false),
             LearnedKind::CsLstmM => Body::Lanes(Box::new(CsLstm::new(points, true, vb)?), false),
+            LearnedKind::PipInformed | LearnedKind::PipSurrogate | LearnedKind::PipNoPlan => {
+                let plan = match kind {
+                    LearnedKind::PipInformed => Plan::Recorded,
+                    LearnedKind::PipSurrogate => Plan::Constant,
+                    _ => Plan::None,
+                };
+                let pip = Pip::new(points, plan != Plan::None, recipe.fused_targets > 0, vb)?;
+                Body::Places(Box::new(pip), plan, recipe.fused_targets)
+            }
             LearnedKind::Stdan | LearnedKind::StdanMasked => {
                 let sizes = StdanSizes::published(inputs.clock.past(), points);
                 let masked = kind == LearnedKind::StdanMasked;
                 Body::Lanes(Box::new(Stdan::new(sizes, masked, vb)?), true)
             }
-            other => candle_core::bail!("{} is not built yet ({:?})", other.name(), recipe),
         };
         Ok(Self { inputs, body, device: vb.device().clone() })
     }
@@ -48,13 +60,31 @@ impl Net {
     pub(crate) fn forward(
         &self,
         observations: &[Observation<'_>],
-        _truths: Option<&[Truth<'_>]>,
+        truths: Option<&[Truth<'_>]>,
         ask: Ask<'_>,
     ) -> Result<Output> {
         match &self.body {
             Body::Lanes(network, features) => {
-                network.forward(&self.inputs.past(observations, *features, &self.device)?, ask)
+                let past = self.inputs.past(observations, *features, &self.device)?;
+                if past.collisions > 0 {
+                    debug!(windows = observations.len(), vehicles = past.collisions, "left out behind a nearer one");
+                }
+                network.forward(&past, ask)
             }
+            Body::Places(pip, plan, targets) => {
+                let scenes = Scenes::new(&self.inputs, observations, *plan, truths, *targets, &self.device)?;
+                if scenes.without_ego > 0 {
+                    debug!(windows = scenes.windows, without_ego = scenes.without_ego, "nobody is near enough to plan");
+                }
+                pip.forward(&scenes, ask)
+            }
+        }
+    }
+
+    /// Plans of constant velocity from now on, for a network that takes plans.
+    pub(crate) fn plan_constant_velocity(&mut self) {
+        if let Body::Places(_, plan @ Plan::Recorded, _) = &mut self.body {
+            *plan = Plan::Constant;
         }
     }
 
