@@ -54,11 +54,7 @@ impl Recording {
         body.extend(c.lane.iter().flat_map(|value| value.to_le_bytes()));
         body.extend(c.neighbours.iter().flatten().flat_map(|value| value.to_le_bytes()));
 
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        let mut file = tempfile::NamedTempFile::new_in(folder).map_err(io)?;
+        let mut file = gnp_file::beside(path).map_err(io)?;
         file.write_all(MAGIC).map_err(io)?;
         file.write_all(&VERSION.to_le_bytes()).map_err(io)?;
         file.write_all(&Sha256::digest(&body)).map_err(io)?;

@@ -1,6 +1,5 @@
 //! Score files: `metrics.json`.
 
-use std::io::Write;
 use std::path::Path;
 
 use gnp_data::Dataset;
@@ -66,11 +65,7 @@ pub(crate) fn save_lines<T: Serialize>(path: &Path, items: &[T]) -> Result<(), E
         text += &line;
     }
     text += "\n]\n";
-    let io = |source| EvalError::Io { path: path.into(), source };
-    let mut file = beside(path).map_err(io)?;
-    file.write_all(text.as_bytes()).map_err(io)?;
-    file.persist(path).map_err(|error| io(error.error))?;
-    Ok(())
+    gnp_file::save(path, text.as_bytes()).map_err(|source| EvalError::Io { path: path.into(), source })
 }
 
 /// Reads what [`save_scores`] wrote.
@@ -80,15 +75,6 @@ pub(crate) fn save_lines<T: Serialize>(path: &Path, items: &[T]) -> Result<(), E
 pub fn load_scores(path: &Path) -> Result<Vec<Score>, EvalError> {
     let text = std::fs::read_to_string(path).map_err(|source| EvalError::Io { path: path.into(), source })?;
     serde_json::from_str(&text).map_err(|source| EvalError::Json { path: path.into(), source })
-}
-
-/// A temporary file in the folder of `path`, to be renamed to it, as readable as any other file.
-pub(crate) fn beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
-    builder.tempfile_in(folder)
 }
 
 #[cfg(test)]

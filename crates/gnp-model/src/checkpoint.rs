@@ -114,7 +114,7 @@ impl Checkpoint {
         }
         let metadata = HashMap::from([(KEY.to_owned(), text)]);
         let file = safetensors::serialize(views, Some(metadata)).map_err(|e| fail(e.to_string()))?;
-        write_whole(path, &file).map_err(|e| fail(format!("cannot be written: {e}")))
+        gnp_file::save(path, &file).map_err(|e| fail(format!("cannot be written: {e}")))
     }
 
     /// Reads a file written by [`Checkpoint::save`].
@@ -173,14 +173,4 @@ impl Checkpoint {
 /// Whether windows of two shapes have the same frames in time, whatever they were resampled from.
 fn same_frames(a: WindowShape, b: WindowShape) -> bool {
     a.observed == b.observed && a.predicted == b.predicted && (a.rate_hz - b.rate_hz).abs() < 1e-6
-}
-
-fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    use std::io::Write;
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(bytes)?;
-    file.as_file().sync_all()?;
-    file.persist(path).map_err(|e| e.error)?;
-    Ok(())
 }

@@ -1,7 +1,6 @@
 //! Modes on disk: a safetensors file, with what is not a tensor as JSON in its metadata.
 
 use std::collections::HashMap;
-use std::io::Write;
 use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
@@ -35,11 +34,7 @@ impl Modes {
     pub fn save(&self, path: &Path) -> Result<(), ModeError> {
         let io = |source| ModeError::Io { path: path.to_owned(), source };
         let bytes = self.to_bytes().map_err(|reason| io(std::io::Error::other(reason)))?;
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut file = tempfile::NamedTempFile::new_in(folder).map_err(io)?;
-        file.write_all(&bytes).map_err(io)?;
-        file.persist(path).map_err(|error| io(error.error))?;
-        Ok(())
+        gnp_file::save(path, &bytes).map_err(io)
     }
 
     /// Reads what [`Modes::save`] wrote.

@@ -1,7 +1,6 @@
 //! Learning curves: one record an epoch, as JSON.
 
 use std::fs;
-use std::io::Write;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -53,11 +52,7 @@ impl History {
         let file = |source| TrainError::File { path: path.to_owned(), source };
         let mut text = serde_json::to_vec_pretty(self).map_err(|source| file(source.into()))?;
         text.push(b'\n');
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut temporary = tempfile::NamedTempFile::new_in(folder).map_err(file)?;
-        temporary.write_all(&text).map_err(file)?;
-        temporary.persist(path).map_err(|error| file(error.error))?;
-        Ok(())
+        gnp_file::save(path, &text).map_err(file)
     }
 
     /// Reads one back.

@@ -63,11 +63,7 @@ impl Split {
             validation: names(set, self.validation()),
             test: names(set, self.test()),
         };
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        let mut out = std::io::BufWriter::new(tempfile::NamedTempFile::new_in(folder).map_err(io)?);
+        let mut out = std::io::BufWriter::new(gnp_file::beside(path).map_err(io)?);
         serde_json::to_writer(&mut out, &file).map_err(|e| io(e.into()))?;
         out.write_all(b"\n").map_err(io)?;
         out.into_inner().map_err(|e| io(e.into_error()))?.persist(path).map_err(|e| io(e.error))?;

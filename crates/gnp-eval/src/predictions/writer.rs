@@ -5,16 +5,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gnp_data::{Forecast, WindowKey};
+use gnp_file::NamedTempFile;
 use parquet::basic::Compression;
 use parquet::data_type::{ByteArray, ByteArrayType, FloatType, Int32Type};
 use parquet::errors::ParquetError;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
-use tempfile::NamedTempFile;
 
 use crate::error::EvalError;
 use crate::predictions::schema::{EXPLAINING, Provenance, explanation_of, parquet_schema};
-use crate::score::beside;
 
 /// Rows held in memory before they are written, about 12 MB.
 const GROUP_ROWS: usize = 1 << 16;
@@ -50,7 +49,7 @@ impl PredictionWriter {
     pub fn create(path: &Path, provenance: &Provenance) -> Result<Self, EvalError> {
         let io = |source| EvalError::Io { path: path.into(), source };
         let parquet = |source| EvalError::Parquet { path: path.into(), source };
-        let file = beside(path).map_err(io)?;
+        let file = gnp_file::beside(path).map_err(io)?;
         let properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
             .set_key_value_metadata(Some(provenance.key_values()))
