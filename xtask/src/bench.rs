@@ -13,6 +13,7 @@ mod peer;
 mod speed;
 mod traffic;
 
+use std::process::Command;
 use std::thread::available_parallelism;
 
 use anyhow::{Context as _, Result, bail};
@@ -25,20 +26,35 @@ use crate::terminal::Terminal;
 
 pub(crate) use check::Profile;
 
+/// Where candle reads, at every product, how many threads it may use; a pool of fewer does not tell it,
+/// and products that ask for more threads than there are take several times as long.
+const THREADS: &str = "RAYON_NUM_THREADS";
+
 /// Runs what the command line asks for.
 ///
 /// # Errors
 /// When a limit is missed, a reference program cannot be run, or a benchmark fails.
 pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
-    let threads = args.threads.map(usize::from);
     if args.check {
-        check(if args.quick { Profile::Quick } else { Profile::Full }, terminal)
-    } else if args.frame {
-        frame::run(threads.unwrap_or(1), terminal)
-    } else {
-        let threads = threads.unwrap_or_else(cores);
-        speed::run(threads, args.rounds, args.against_torch, args.json, terminal)
+        return check(if args.quick { Profile::Quick } else { Profile::Full }, terminal);
     }
+    let threads = args.threads.map_or(if args.frame { 1 } else { cores() }, usize::from);
+    if std::env::var(THREADS).ok() != Some(threads.to_string()) {
+        return again(threads);
+    }
+    if args.frame { frame::run(threads, terminal) } else { speed::run(&speed::Plan::new(threads, args), terminal) }
+}
+
+/// Starts this program anew with the number of threads in its environment.
+fn again(threads: usize) -> Result<()> {
+    let program = std::env::current_exe().context("cannot find this program to start it anew")?;
+    let mut command = Command::new(program);
+    command.args(std::env::args_os().skip(1)).env(THREADS, threads.to_string());
+    let status = command.status().context("cannot start this program anew")?;
+    if !status.success() {
+        bail!("the benchmark on {threads} thread(s) failed ({status}); see its message above");
+    }
+    Ok(())
 }
 
 /// Measures the ratios and holds them against `configs/bench.toml`.

@@ -217,6 +217,9 @@ pub(crate) struct BenchArgs {
     /// Times that everybody is measured in turn; medians are printed.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = positive, conflicts_with_all = ["check", "frame"])]
     pub(crate) rounds: usize,
+    /// Windows in a batch; the published comparison has 64.
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = positive, conflicts_with_all = ["check", "frame"])]
+    pub(crate) windows: usize,
     /// No progress, only tables.
     #[arg(long, short)]
     pub(crate) quiet: bool,

@@ -124,17 +124,16 @@ pub(super) fn measure(limits: &Limits, profile: Profile, terminal: &Terminal) ->
     Ok(rows)
 }
 
-/// The fused operations against the graph on one thread, and two threads against one.
+/// The fused operations against the graph on all cores, and two threads against one.
 fn networks(limits: &Limits, sizes: &Sizes, terminal: &Terminal) -> Result<Vec<Row>> {
     let [long, short] = sizes.turns;
     let (traj, goal) = (Traj::new(sizes.lengths, sizes.windows)?, Goal::new(sizes.lengths, sizes.windows)?);
-    let one = pool(1)?;
+    let all = pool(cores())?;
     let fused = |what, limit, turns, run: fn(&Traj, &Goal, Engine) -> Result<()>| {
         terminal.note(&format!("bench: {what}"));
         let on = |engine| run(&traj, &goal, engine);
-        // On one thread: what a graph loses by waiting for a busy second core is left out.
         row(what, Limit::AtLeast(limit), || {
-            let pair = one.install(|| clock::pair(turns, &|| on(Engine::Fused), &|| on(Engine::Graph)))?;
+            let pair = all.install(|| clock::pair(turns, &|| on(Engine::Fused), &|| on(Engine::Graph)))?;
             Ok(Measured::pair(&pair))
         })
     };
@@ -149,7 +148,7 @@ fn networks(limits: &Limits, sizes: &Sizes, terminal: &Terminal) -> Result<Vec<R
         terminal.result("One core: two threads are not measured against one.");
         return Ok(rows);
     }
-    let two = pool(2)?;
+    let (one, two) = (pool(1)?, pool(2)?);
     let threads = |what, limit, run: Run<'_>| {
         terminal.note(&format!("bench: {what}"));
         row(what, Limit::AtLeast(limit), || gain(short, [&one, &two], run))

@@ -10,7 +10,7 @@ use serde::Deserialize;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Limits {
-    /// Time of the graph of candle's operations over that of the fused operation on one thread, at least.
+    /// Time of the graph of candle's operations over that of the fused operation, at least.
     pub(super) fused: Fused,
     /// Gain of two threads over one, as a share of what independent loops gain, at least.
     pub(super) threads: Threads,

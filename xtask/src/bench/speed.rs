@@ -10,11 +10,28 @@ use super::clock::{self, Run, Sample};
 use super::networks::{GOALS, Goal, HIGHD, Lengths, NGSIM, Traj};
 use super::peer::{Milliseconds, Python};
 use super::{floor, load, pool, table};
+use crate::cli::BenchArgs;
 use crate::terminal::Terminal;
 
-const WINDOWS: usize = 64;
 /// Repeats of a round, of which the median is taken; five times as many of what takes milliseconds.
 const REPEATS: usize = 3;
+
+/// What is measured, and beside whom.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plan {
+    threads: usize,
+    windows: usize,
+    rounds: usize,
+    /// PyTorch and JAX, too.
+    peers: bool,
+    json: bool,
+}
+
+impl Plan {
+    pub(super) fn new(threads: usize, args: &BenchArgs) -> Self {
+        Self { threads, windows: args.windows, rounds: args.rounds, peers: args.against_torch, json: args.json }
+    }
+}
 
 /// What everybody measured.
 #[derive(Debug, Default)]
@@ -25,6 +42,7 @@ struct Rounds(BTreeMap<String, Vec<f64>>);
 struct Comparison {
     unit: &'static str,
     threads: usize,
+    windows: usize,
     ours: Milliseconds,
     torch: Milliseconds,
     jax: Milliseconds,
@@ -51,29 +69,30 @@ impl Rounds {
 ///
 /// # Errors
 /// When a network fails or a reference program cannot be run.
-pub(super) fn run(threads: usize, rounds: usize, peers: bool, json: bool, terminal: &Terminal) -> Result<()> {
+pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
+    let Plan { threads, windows, rounds, peers, json } = *plan;
     let python = if peers { Some(Python::prepare(terminal)?) } else { None };
     let load = load();
     let pool = pool(threads)?;
     let [mut ours, mut torch, mut jax] = [Rounds::default(), Rounds::default(), Rounds::default()];
     let mut rate = 0f64;
     let options =
-        ["--threads", &threads.to_string(), "--windows", &WINDOWS.to_string(), "--repeats", &REPEATS.to_string()]
+        ["--threads", &threads.to_string(), "--windows", &windows.to_string(), "--repeats", &REPEATS.to_string()]
             .map(str::to_owned);
     for round in 1..=rounds {
         terminal.note(&format!("bench: round {round} of {rounds}"));
         rate = rate.max(pool.install(floor::rate)?);
         for lengths in [NGSIM, HIGHD] {
-            ours.add(pool.install(|| measure(lengths))?);
+            ours.add(pool.install(|| measure(lengths, windows))?);
         }
         if let Some(python) = &python {
             torch.add(python.measure("torch_gnp.py", &[&["bench".to_owned()], &options[..]].concat())?);
             jax.add(python.measure("jax_traj.py", &options)?);
         }
     }
-    let comparison = Comparison::new(threads, [ours.medians(), torch.medians(), jax.medians()], rate);
+    let comparison = Comparison::new([threads, windows], [ours.medians(), torch.medians(), jax.medians()], rate);
     terminal.result(&format!(
-        "Milliseconds per window, {WINDOWS} windows, published sizes, {threads} thread(s), median of {rounds} round(s); \
+        "Milliseconds per window, {windows} windows, published sizes, {threads} thread(s), median of {rounds} round(s); \
          load average {load}.\nFloor: operations at {:.0} GFLOP/s, the fastest large f32 product of this run.\n{}",
         rate / 1e9,
         comparison.table(peers)
@@ -85,8 +104,8 @@ pub(super) fn run(threads: usize, rounds: usize, peers: bool, json: bool, termin
 }
 
 /// Ours, in ms per window.
-fn measure(lengths: Lengths) -> Result<Milliseconds> {
-    let (traj, goal) = (Traj::new(lengths, WINDOWS)?, Goal::new(lengths, WINDOWS)?);
+fn measure(lengths: Lengths, windows: usize) -> Result<Milliseconds> {
+    let (traj, goal) = (Traj::new(lengths, windows)?, Goal::new(lengths, windows)?);
     let cases: [(&str, usize, Run<'_>); 5] = [
         ("traj.forward", REPEATS, &|| traj.forward(Engine::Fused)),
         ("traj.train", REPEATS, &|| traj.train(Engine::Fused)),
@@ -96,7 +115,7 @@ fn measure(lengths: Lengths) -> Result<Milliseconds> {
     ];
     let median = |(key, repeats, run): (&str, usize, Run<'_>)| {
         let seconds = clock::sample(repeats, run)?.median();
-        Ok((format!("{}.{key}", lengths.name), seconds * 1e3 / WINDOWS as f64))
+        Ok((format!("{}.{key}", lengths.name), seconds * 1e3 / windows as f64))
     };
     cases.into_iter().map(median).collect()
 }
@@ -117,13 +136,13 @@ fn floors(rate: f64) -> Milliseconds {
 }
 
 impl Comparison {
-    fn new(threads: usize, [ours, torch, jax]: [Milliseconds; 3], rate: f64) -> Self {
+    fn new([threads, windows]: [usize; 2], [ours, torch, jax]: [Milliseconds; 3], rate: f64) -> Self {
         let over = |theirs: &Milliseconds| -> Milliseconds {
             let ratio = |(key, theirs): (&String, &f64)| Some((key.clone(), theirs / ours.get(key)?));
             theirs.iter().filter_map(ratio).collect()
         };
         let (ratio, jax_ratio) = (over(&torch), over(&jax));
-        Self { unit: "ms per window", threads, ours, torch, jax, ratio, jax_ratio, floor: floors(rate) }
+        Self { unit: "ms per window", threads, windows, ours, torch, jax, ratio, jax_ratio, floor: floors(rate) }
     }
 
     /// One row for each of ours; the columns of others with `peers`.
@@ -159,7 +178,7 @@ mod tests {
         let ours = times(&[("ngsim.traj.train", 4.), ("ngsim.goal.train", 2.)]);
         let torch = times(&[("ngsim.traj.train", 20.), ("ngsim.goal.train", 3.)]);
         let jax = times(&[("ngsim.traj.train", 12.)]);
-        let both = Comparison::new(2, [ours, torch, jax], 1e11);
+        let both = Comparison::new([2, 64], [ours, torch, jax], 1e11);
         assert_eq!(both.ratio, times(&[("ngsim.traj.train", 5.), ("ngsim.goal.train", 1.5)]));
         assert_eq!(both.jax_ratio, times(&[("ngsim.traj.train", 3.)]));
         let text = both.table(true);
