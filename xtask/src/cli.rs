@@ -106,6 +106,13 @@ Examples:
   cargo xtask figures --run runs/ngsim
   cargo xtask figures --run runs/ngsim --data-dir D --out figures-of-d")]
     Figures(FigureArgs),
+    /// Write report.html of a finished run: what was run, quality, scores, figures, a scene player.
+    #[command(after_help = "\
+Example:
+  cargo xtask report --run runs/ngsim
+
+One file that needs no network: open runs/ngsim/report.html in a browser.")]
+    Report(ReportArgs),
     /// Measure speed: ours and the floor; with a flag ratios that gate, a whole frame, or PyTorch and JAX beside it.
     #[command(after_help = "\
 Examples:
@@ -171,6 +178,17 @@ pub(crate) struct EvalArgs {
     /// Folder for the scores and predictions; must not exist or be empty.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to report on.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct ReportArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

@@ -2,7 +2,7 @@
 
 mod curves;
 mod scenes;
-mod traffic;
+pub(crate) mod traffic;
 
 use std::fs;
 use std::path::PathBuf;

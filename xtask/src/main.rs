@@ -13,6 +13,7 @@ mod memory;
 mod modes;
 mod pipeline;
 mod project;
+mod report;
 mod run_folder;
 mod score_file;
 mod score_run;
@@ -64,6 +65,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Table1(args) => tables::table1(&args),
         Command::Table2(args) => tables::table2(&args),
         Command::Figures(args) => figures::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Bench(args) => bench::run(&args, &Terminal::start(args.quiet, false)),
         Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),
         Command::Tidy => tidy::run(&project::root()),

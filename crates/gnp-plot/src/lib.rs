@@ -1,4 +1,4 @@
-//! Figures as SVG text: data in, a [`Figure`] out, nothing read and nothing written.
+//! Figures as SVG text, and a report as one HTML file: data in, text out, nothing read and nothing written.
 //!
 //! The road frame is drawn as it is: forward to the right, left up. A lateral axis that is stretched
 //! says so. Colours are told apart by colour-blind readers and in grey; forces have the colours of
@@ -17,6 +17,7 @@ mod force_chart;
 mod intention;
 mod palette;
 mod reliability;
+mod report;
 mod road_view;
 mod scene;
 mod select;
@@ -30,6 +31,9 @@ pub use crate::figure::{Figure, Source};
 pub use crate::force_chart::force_scenes;
 pub use crate::intention::{Intentions, intentions};
 pub use crate::reliability::{ReliabilityBin, reliability, reliability_bins};
+pub use crate::report::{
+    PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedVehicle, Report, ReportTable,
+};
 pub use crate::scene::{Box2, Other, Scene};
 pub use crate::select::{Manoeuvre, SceneRule, find_scene, manoeuvre, quantiles};
 pub use crate::space_time::{Forecast1, SpaceTime, Trace, space_time};

@@ -69,7 +69,7 @@ fn every_figure(simulated: bool) -> Vec<Figure> {
     };
     let case = Case { kind: "left".to_owned(), scene: scene.clone() };
     vec![
-        force_scenes("scenes", "Forces", &[scene.clone()], 1., &source),
+        force_scenes("scenes", "Forces", std::slice::from_ref(&scene), 1., &source),
         cases(&[case], &source),
         potential_field(&scene, &potential, &source),
         intentions(&modes, &source),

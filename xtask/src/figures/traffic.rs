@@ -9,7 +9,7 @@ use gnp_plot::{Figure, Forecast1, SpaceTime, Trace, space_time};
 use super::Material;
 
 /// Time shown, s.
-const SHOWN_S: f64 = 60.;
+pub(crate) const SHOWN_S: f64 = 60.;
 /// Time between points of a line, s.
 const POINT_S: f64 = 0.5;
 /// Time between forecasts of a vehicle, s.
@@ -19,22 +19,20 @@ const MOST: usize = 24;
 
 /// A stretch of time in one lane of a carriageway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Lane {
-    road: u16,
+pub(crate) struct Lane {
+    /// Index of the carriageway.
+    pub(crate) road: u16,
     lane: i16,
-    first_frame: u32,
+    /// First frame of the time.
+    pub(crate) first_frame: u32,
 }
 
 pub(super) fn time_space(material: &Material<'_>) -> Result<Option<Figure>> {
     let tested = |i: usize| material.ids.iter().any(|id| id.recording as usize == i);
-    let longest = (0..material.recordings.len()).filter(|i| tested(*i));
-    let Some(index) = longest.max_by_key(|i| (frames(&material.recordings[*i]), std::cmp::Reverse(*i))) else {
-        return Ok(None);
-    };
+    let Some((index, lane)) = busiest_of(material.recordings, tested) else { return Ok(None) };
     let recording = &material.recordings[index];
     let rate = recording.meta().rate_hz;
     let shown = (SHOWN_S * rate) as u32;
-    let Some(lane) = busiest(recording, shown) else { return Ok(None) };
     let seconds = |frame: u32| f64::from(frame - lane.first_frame) / rate;
     let mut traces = Vec::new();
     for track in recording.tracks().iter().filter(|track| track.road == lane.road) {
@@ -59,6 +57,14 @@ pub(super) fn time_space(material: &Material<'_>) -> Result<Option<Figure>> {
     );
     let forecasts = forecasts(material, index, lane, shown)?;
     Ok(Some(space_time(&SpaceTime { title, traces, forecasts }, &material.source)))
+}
+
+/// The longest of the recordings that count, and its busiest lane and time.
+pub(crate) fn busiest_of(recordings: &[Recording], counts: impl Fn(usize) -> bool) -> Option<(usize, Lane)> {
+    let counting = (0..recordings.len()).filter(|i| counts(*i));
+    let index = counting.max_by_key(|i| (frames(&recordings[*i]), std::cmp::Reverse(*i)))?;
+    let recording = &recordings[index];
+    Some((index, busiest(recording, (SHOWN_S * recording.meta().rate_hz) as u32)?))
 }
 
 fn flush(points: &mut Vec<[f64; 2]>, traces: &mut Vec<Trace>) {

@@ -1,0 +1,266 @@
+// The scene player: one carriageway of a recording over time, with forecasts and the forces behind
+// them. The data stands in <script id="recording">; lengths there are in cm.
+"use strict";
+(() => {
+  const holder = document.getElementById("recording");
+  if (!holder) return;
+  const data = JSON.parse(holder.textContent);
+  const byId = (id) => document.getElementById(id);
+  const [road, chart, slider, tip, status] = ["road", "chart", "time", "tip", "status"].map(byId);
+  const pen = road.getContext("2d");
+  const plot = chart.getContext("2d");
+  const COLOURS = { goal: "#f5c400", neighbours: "#0072b2", lines: "#000000", target: "#d55e00", best: "#8b0000", others: "#32cd32" };
+  const SLOTS = ["ahead", "behind", "left ahead", "left beside", "left behind", "right ahead", "right beside", "right behind"];
+
+  const state = {
+    frame: 0, playing: false, picked: -1, zoom: 1, centre: 0, hover: -1,
+    forces: true, modes: true, neighbours: true,
+  };
+  const cm = (v) => v / 100;
+  const vehicles = data.vehicles.map((v) => {
+    // Positions are differences, after the first.
+    const sum = (list) => { let s = 0; return Float32Array.from(list, (d) => cm(s += d)); };
+    return { ...v, x: sum(v.x), y: sum(v.y), forecasts: [] };
+  });
+  for (const f of data.forecasts) vehicles[f.vehicle].forecasts.push(f);
+  // px for 1 m/s²: a force that only one step in 20 exceeds is 40 px long.
+  const sizes = data.forecasts.flatMap((f) => f.steps.map((s) => Math.hypot(...s.goal))).sort((a, b) => a - b);
+  const pxPerForce = 40 / Math.max(sizes[Math.floor(sizes.length * 0.95)] || 1, 0.01);
+  const force = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((f) => f * pxPerForce > 25) || 10;
+  for (const v of vehicles) v.forecasts.sort((a, b) => a.frame - b.frame);
+  const ys = data.lines.map((l) => cm(l.y));
+  const allX = vehicles.flatMap((v) => [v.x[0], v.x[v.x.length - 1]]);
+  const range = { x: [Math.min(...allX) - 5, Math.max(...allX) + 5], y: [Math.min(...ys, ...vehicles.map((v) => Math.min(...v.y))) - 2, Math.max(...ys, ...vehicles.map((v) => Math.max(...v.y))) + 2] };
+  state.centre = (range.x[0] + range.x[1]) / 2;
+
+  const at = (v, frame) => {
+    const i = frame - v.first;
+    if (i < 0 || i > v.x.length - 1) return null;
+    const a = Math.floor(i), b = Math.min(a + 1, v.x.length - 1), t = i - a;
+    return [v.x[a] + (v.x[b] - v.x[a]) * t, v.y[a] + (v.y[b] - v.y[a]) * t];
+  };
+  const speed = (v, frame) => {
+    const i = Math.min(Math.max(Math.floor(frame - v.first), 1), v.x.length - 1);
+    return (v.x[i] - v.x[i - 1]) * data.rate;
+  };
+  // The latest forecast made at or before a frame that still reaches it.
+  const forecastOf = (v, frame) => {
+    let found = null;
+    for (const f of v.forecasts) if (f.frame <= frame + 1e-9 && frame - f.frame <= data.horizon * data.rate) found = f;
+    return found;
+  };
+  const pathOf = (f, mode) => {
+    const points = [[cm(f.at[0]), cm(f.at[1])]];
+    const p = f.modes[mode].path;
+    for (let i = 0; i + 1 < p.length; i += 2) points.push([points[0][0] + cm(p[i]), points[0][1] + cm(p[i + 1])]);
+    return points; // data.every seconds apart
+  };
+  const along = (points, step) => {
+    const a = Math.min(Math.floor(step), points.length - 1), b = Math.min(a + 1, points.length - 1), t = step - a;
+    return [points[a][0] + (points[b][0] - points[a][0]) * t, points[a][1] + (points[b][1] - points[a][1]) * t];
+  };
+
+  // Forward is right, left is up.
+  let view = { width: 1, height: 1, sx: 1, sy: 1 };
+  const px = (x) => (x - state.centre) * view.sx + view.width / 2;
+  const py = (y) => view.height / 2 - (y - (range.y[0] + range.y[1]) / 2) * view.sy;
+  const ink = () => getComputedStyle(document.body).color;
+  const fit = (canvas, context) => {
+    const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
+    const [w, h] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
+    if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, box.width, box.height);
+    return [box.width, box.height];
+  };
+  const stroke = (points, colour, width, dash = []) => {
+    pen.beginPath();
+    points.forEach(([x, y], i) => (i ? pen.lineTo(px(x), py(y)) : pen.moveTo(px(x), py(y))));
+    pen.strokeStyle = colour; pen.lineWidth = width; pen.setLineDash(dash); pen.stroke(); pen.setLineDash([]);
+  };
+  const box = (v, [x, y], fill, rim, dash = []) => {
+    const w = cm(v.size[0]) * view.sx, h = cm(v.size[1]) * view.sy;
+    pen.setLineDash(dash);
+    if (fill) { pen.fillStyle = fill; pen.fillRect(px(x) - w / 2, py(y) - h / 2, w, h); }
+    pen.strokeStyle = rim; pen.lineWidth = 1; pen.strokeRect(px(x) - w / 2, py(y) - h / 2, w, h); pen.setLineDash([]);
+  };
+  const arrow = ([x, y], [fx, fy], colour) => {
+    const [dx, dy] = [fx * pxPerForce, -fy * pxPerForce], length = Math.hypot(dx, dy);
+    if (length < 2) return;
+    const [ux, uy, head] = [dx / length, dy / length, Math.min(length, 8)];
+    const [x0, y0, tx, ty] = [px(x), py(y), px(x) + dx, py(y) + dy];
+    const [nx, ny] = [tx - ux * head, ty - uy * head];
+    for (const [style, width] of [[colour === COLOURS.goal ? "#6b5300" : "#ffffff", 4.5], [colour, 2.5]]) {
+      pen.strokeStyle = style; pen.lineWidth = width;
+      pen.beginPath(); pen.moveTo(x0, y0); pen.lineTo(nx, ny); pen.stroke();
+    }
+    pen.beginPath(); pen.moveTo(tx, ty); pen.lineTo(nx - uy * head / 2, ny + ux * head / 2); pen.lineTo(nx + uy * head / 2, ny - ux * head / 2); pen.closePath();
+    pen.fillStyle = colour; pen.fill(); pen.strokeStyle = "#ffffff"; pen.lineWidth = .7; pen.stroke();
+  };
+
+  const draw = () => {
+    const picked = vehicles[state.picked];
+    const here = picked && at(picked, state.frame);
+    if (here && state.zoom > 1) state.centre = here[0];
+    [view.width, view.height] = fit(road, pen);
+    view.sx = (view.width / (range.x[1] - range.x[0])) * state.zoom;
+    view.sy = view.height / (range.y[1] - range.y[0]);
+    pen.fillStyle = "#eef0f3";
+    pen.fillRect(0, py(Math.max(...ys)), view.width, py(Math.min(...ys)) - py(Math.max(...ys)));
+    for (const line of data.lines) {
+      const y = py(cm(line.y));
+      pen.beginPath(); pen.moveTo(0, y); pen.lineTo(view.width, y);
+      pen.strokeStyle = line.boundary ? "#333" : "#777"; pen.lineWidth = line.boundary ? 2 : 1;
+      pen.setLineDash(line.boundary ? [] : [9, 7]); pen.stroke(); pen.setLineDash([]);
+    }
+    const forecast = picked && forecastOf(picked, state.frame);
+    const near = new Set(forecast && state.neighbours ? forecast.neighbours.filter((n) => n >= 0) : []);
+    vehicles.forEach((v, i) => {
+      const place = at(v, state.frame);
+      if (!place) return;
+      box(v, place, i === state.picked ? COLOURS.target : near.has(i) ? "#8fc1e3" : v.test ? "#aeb6c2" : "#d4d9e0", i === state.hover ? "#d55e00" : near.has(i) ? "#0072b2" : "#4a5260");
+    });
+    if (picked && here) {
+      const past = [];
+      for (let f = Math.max(picked.first, state.frame - data.observed * data.rate); f <= state.frame; f += 1) past.push(at(picked, f));
+      stroke(past.filter(Boolean), "#56606e", 2.5);
+    }
+    if (forecast) {
+      const likeliest = pathOf(forecast, 0), step = (state.frame - forecast.frame) / data.rate / data.every;
+      if (state.modes) forecast.modes.forEach((m, i) => i && stroke(pathOf(forecast, i), COLOURS.others, 1.6));
+      stroke(likeliest, COLOURS.best, 2.6);
+      const ghost = along(likeliest, step);
+      if (step > 0.01) box(picked, ghost, null, COLOURS.target, [3, 2]);
+      if (state.forces) {
+        const s = forecast.steps[Math.min(Math.floor(step), forecast.steps.length - 1)];
+        for (const part of ["lines", "neighbours", "goal"]) arrow(ghost, s[part], COLOURS[part]);
+      }
+    }
+    pen.fillStyle = "#333"; pen.font = "12px system-ui, sans-serif";
+    const bar = [5, 10, 20, 50, 100].find((m) => m * view.sx > 60) || 100;
+    pen.fillStyle = ink();
+    pen.fillRect(10, view.height - 10, bar * view.sx, 2);
+    pen.fillText(`${bar} m; lateral axis stretched ×${(view.sy / view.sx).toFixed(1)}`, 14 + bar * view.sx, view.height - 6);
+    const right = view.width - 120;
+    pen.fillRect(right - force * pxPerForce, view.height - 10, force * pxPerForce, 2);
+    pen.fillText(`force ${force} m/s²`, right + 6, view.height - 6);
+    if (data.simulated) { pen.font = "bold 13px system-ui, sans-serif"; pen.fillText("simulated", view.width - 80, 16); }
+    drawChart(forecast);
+    slider.value = state.frame;
+    byId("play").textContent = state.playing ? "Pause" : "Play";
+    const seconds = (state.frame / data.rate).toFixed(1);
+    status.textContent = `${seconds} s` + (picked && here ? `, vehicle ${picked.id}: ${speed(picked, state.frame).toFixed(1)} m/s` : "") + (picked && !here ? `, vehicle ${picked.id} is not there` : "") + (forecast ? `, forecast made at ${(forecast.frame / data.rate).toFixed(1)} s, likeliest of ${forecast.modes.length}: ${(100 * forecast.modes[0].p).toFixed(0)} %` + (picked.test ? " (test part)" : " (not of the test part)") : picked ? ", no forecast yet" : ", pick a vehicle by click or with N");
+    for (const key of ["forces", "modes", "neighbours"]) byId(key).setAttribute("aria-pressed", state[key]);
+  };
+
+  // tau and the strengths of the neighbours over the horizon of the forecast shown.
+  const drawChart = (forecast) => {
+    const [w, h] = fit(chart, plot);
+    plot.font = "11px system-ui, sans-serif"; plot.fillStyle = ink();
+    if (!forecast) { plot.fillText("τ and k over the forecast of the picked vehicle", 10, 16); return; }
+    const half = (w - 80) / 2, steps = forecast.steps, end = data.horizon;
+    const panel = (left, title, curves) => {
+      const top = Math.max(...curves.flatMap((c) => c.values), 1e-3) * 1.1;
+      const X = (s) => left + 42 + (s / end) * (half - 60), Y = (v) => h - 22 - (v / top) * (h - 44);
+      plot.fillStyle = ink(); plot.strokeStyle = ink(); plot.lineWidth = 1;
+      plot.strokeRect(X(0), Y(top), half - 60, h - 44);
+      plot.fillText(title, X(0), 14);
+      for (const s of [0, 1, 2, 3, 4, 5].filter((s) => s <= end)) plot.fillText(`${s} s`, X(s) - 6, h - 8);
+      for (const v of [0, top / 2.2, top / 1.1]) plot.fillText(v.toPrecision(2), left + 4, Y(v) + 4);
+      for (const { values, colour, dash } of curves) {
+        plot.beginPath();
+        values.forEach((v, i) => (i ? plot.lineTo(X(i * data.every), Y(v)) : plot.moveTo(X(0), Y(v))));
+        plot.strokeStyle = colour; plot.lineWidth = 1.8; plot.setLineDash(dash); plot.stroke(); plot.setLineDash([]);
+      }
+      const now = Math.min((state.frame - forecast.frame) / data.rate, end);
+      plot.strokeStyle = COLOURS.target; plot.beginPath(); plot.moveTo(X(now), Y(0)); plot.lineTo(X(now), Y(top)); plot.stroke();
+    };
+    panel(0, "relaxation time τ (s)", [{ values: steps.map((s) => s.tau), colour: "#c99c00", dash: [] }]);
+    const colours = ["#0072b2", "#56b4e9", "#009e73", "#e69f00", "#cc79a7", "#d55e00", "#7f7f7f", "#8b0000"];
+    const present = SLOTS.map((_, i) => i).filter((i) => forecast.neighbours[i] !== -2);
+    panel(half, "strength k of the neighbours (m/s²)", present.length ? present.map((i) => ({ values: steps.map((s) => s.k[i]), colour: colours[i], dash: i % 2 ? [5, 3] : [] })) : [{ values: [0], colour: "#777", dash: [] }]);
+    present.forEach((i, n) => { plot.fillStyle = colours[i]; plot.fillText(SLOTS[i], w - 84, 30 + 12 * n); });
+  };
+
+  const setFrame = (frame) => { state.frame = Math.min(Math.max(frame, 0), data.frames - 1); draw(); };
+  const pick = (index) => { state.picked = index; draw(); };
+  const pickNext = (step) => {
+    const there = vehicles.map((v, i) => i).filter((i) => at(vehicles[i], state.frame));
+    if (!there.length) return;
+    there.sort((a, b) => at(vehicles[a], state.frame)[0] - at(vehicles[b], state.frame)[0]);
+    const now = there.indexOf(state.picked);
+    pick(there[(now < 0 ? 0 : now + step + there.length) % there.length]);
+  };
+  const toggle = (key) => { state[key] = !state[key]; draw(); };
+  let last = 0;
+  const tick = (time) => {
+    if (!state.playing) return;
+    const next = state.frame + (Math.min(Math.max(time - last, 0), 100) / 1000) * data.rate;
+    last = time;
+    if (next >= data.frames - 1) state.playing = false;
+    setFrame(next);
+    requestAnimationFrame(tick);
+  };
+  const play = () => {
+    state.playing = !state.playing;
+    if (state.playing && state.frame >= data.frames - 1) state.frame = 0;
+    last = performance.now();
+    if (state.playing) requestAnimationFrame(tick);
+    draw();
+  };
+  const zoom = (factor) => { state.zoom = Math.min(Math.max(state.zoom * factor, 1), 12); if (state.zoom === 1) state.centre = (range.x[0] + range.x[1]) / 2; draw(); };
+  const under = (event) => {
+    const area = road.getBoundingClientRect(), [mx, my] = [event.clientX - area.left, event.clientY - area.top];
+    return vehicles.findIndex((v) => {
+      const place = at(v, state.frame);
+      return place && Math.abs(px(place[0]) - mx) <= Math.max(cm(v.size[0]) * view.sx / 2, 6) && Math.abs(py(place[1]) - my) <= Math.max(cm(v.size[1]) * view.sy / 2, 6);
+    });
+  };
+  const show = (vector) => `${vector[0].toFixed(2)} forward, ${vector[1].toFixed(2)} left m/s²`;
+  const describe = (index) => {
+    const v = vehicles[index], place = at(v, state.frame), f = forecastOf(v, state.frame);
+    const lines = [`vehicle ${v.id}, ${v.class}, ${cm(v.size[0]).toFixed(1)} by ${cm(v.size[1]).toFixed(1)} m`, `x ${place[0].toFixed(1)} m, y ${place[1].toFixed(2)} m, ${speed(v, state.frame).toFixed(1)} m/s`];
+    if (f) {
+      const s = f.steps[Math.min(Math.floor((state.frame - f.frame) / data.rate / data.every), f.steps.length - 1)];
+      lines.push(`goal ${show(s.goal)}`, `neighbours ${show(s.neighbours)}`, `lane lines ${show(s.lines)}`, `τ ${s.tau.toFixed(2)} s`);
+      f.neighbours.forEach((n, i) => n !== -2 && lines.push(`k ${SLOTS[i]} ${s.k[i].toFixed(3)} m/s²`));
+    }
+    return lines.join("\n");
+  };
+
+  byId("play").addEventListener("click", play);
+  for (const key of ["forces", "modes", "neighbours"]) byId(key).addEventListener("click", () => toggle(key));
+  byId("next").addEventListener("click", () => pickNext(1));
+  byId("closer").addEventListener("click", () => zoom(1.5));
+  byId("farther").addEventListener("click", () => zoom(1 / 1.5));
+  byId("theme").addEventListener("click", () => {
+    const root = document.documentElement, dark = getComputedStyle(root).colorScheme === "dark" || (!root.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
+    root.dataset.theme = dark ? "light" : "dark";
+    draw();
+  });
+  slider.addEventListener("input", () => { state.playing = false; setFrame(Number(slider.value)); });
+  road.addEventListener("click", (event) => { const found = under(event); if (found >= 0) pick(found); });
+  road.addEventListener("mousemove", (event) => {
+    const found = under(event);
+    if (found !== state.hover) { state.hover = found; draw(); }
+    tip.hidden = found < 0;
+    if (found >= 0) { tip.textContent = describe(found); tip.style.left = `${event.clientX + 14}px`; tip.style.top = `${event.clientY + 14}px`; }
+  });
+  road.addEventListener("mouseleave", () => { tip.hidden = true; state.hover = -1; draw(); });
+  const KEYS = {
+    " ": play, f: () => toggle("forces"), m: () => toggle("modes"), b: () => toggle("neighbours"), n: () => pickNext(1), p: () => pickNext(-1),
+    "+": () => zoom(1.5), "-": () => zoom(1 / 1.5), Home: () => setFrame(0), End: () => setFrame(data.frames - 1),
+    ArrowRight: (e) => setFrame(Math.floor(state.frame) + (e.shiftKey ? data.rate : 1)), ArrowLeft: (e) => setFrame(Math.ceil(state.frame) - (e.shiftKey ? data.rate : 1)),
+  };
+  byId("player").addEventListener("keydown", (event) => {
+    const onButton = event.target.tagName === "BUTTON" && event.key === " ";
+    const action = KEYS[event.key] || KEYS[event.key.toLowerCase()];
+    if (!action || onButton || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    action(event);
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  addEventListener("resize", draw);
+  slider.max = data.frames - 1;
+  pickNext(1);
+})();
