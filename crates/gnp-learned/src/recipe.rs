@@ -39,7 +39,8 @@ pub struct Recipe {
     pub class_loss: ClassLoss,
     /// Whether they are from the first epoch on (STDAN) or only after the warm-up.
     pub class_loss_in_warm_up: bool,
-    /// Length of the networks' unit, m: 0.3048, a foot.
+    /// Length of the networks' unit, m: 0.3048, a foot. Futures are hundreds of feet, which takes as
+    /// many steps of Adam to reach; a few thousand windows are learned from in a longer unit, such as 5.
     pub unit_m: f64,
     /// Vehicles around the ego that PiP fuses, the target among them: 8. 0 leaves the fusion out, as PiP's
     /// ablation does; networks without an ego do not read it.
