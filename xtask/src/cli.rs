@@ -84,7 +84,7 @@ Examples:
   cargo xtask score --predictions theirs.parquet --dataset highd --data-dir D --protocol av2
 
 With --run the windows are the run's test part, without it all windows of the data. A file that lacks
-a window is refused. docs/data.md has the columns.")]
+a window is refused. docs/architecture.md names the columns.")]
     Score(ScoreArgs),
     /// Train what is missing and score every system on the same windows: the paper's Table 1, ours.
     #[command(after_help = "\

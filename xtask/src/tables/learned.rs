@@ -105,6 +105,6 @@ mod tests {
         let text = embedded();
         assert!(message(&text.replacen("[cs_lstm]", "[cslstm]", 1)).contains("[cslstm]"));
         assert!(message(&text.replacen("decay =", "decoy =", 1)).contains("decoy"));
-        assert!(message(&text.replacen("unit_m = 0.3048", "unit_m = 0.0", 1)).contains("unit_m"));
+        assert!(message(&text.replacen("unit_m = 5.0", "unit_m = 0.0", 1)).contains("unit_m"));
     }
 }
