@@ -5,7 +5,6 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
@@ -121,7 +120,7 @@ impl Draft {
         let parent = parent_of(place);
         fs::create_dir_all(parent).with_context(|| format!("cannot make the folder {}", parent.display()))?;
         let name = place.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let folder = as_open_as_others(0o777)
+        let folder = as_open_as_others()
             .prefix(&format!(".{name}.unfinished-"))
             .tempdir_in(parent)
             .with_context(|| format!("cannot make a folder in {}", parent.display()))?;
@@ -150,13 +149,11 @@ impl Draft {
     }
 }
 
-/// Makes temporary files and folders that are not for their owner alone: they become final ones.
-fn as_open_as_others(mode: u32) -> tempfile::Builder<'static, 'static> {
+/// Makes temporary folders that are not for their owner alone: they become final ones.
+fn as_open_as_others() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode)); // less the umask
-    #[cfg(not(unix))]
-    let _ = mode;
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777)); // less the umask
     builder
 }
 
@@ -280,11 +277,7 @@ pub(crate) fn write_state(root: &Path, state: &RunState) -> Result<()> {
 /// # Errors
 /// When the folder cannot be written.
 pub(crate) fn write(path: &Path, content: &[u8]) -> Result<()> {
-    let cannot = || format!("cannot write {}", path.display());
-    let mut file = as_open_as_others(0o666).tempfile_in(parent_of(path)).with_context(cannot)?;
-    file.write_all(content).with_context(cannot)?;
-    file.persist(path).with_context(cannot)?;
-    Ok(())
+    gnp_file::save(path, content).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// [`write()`] of a value as readable JSON.

@@ -47,6 +47,9 @@ pub struct Overlap {
     pub shift: i64,
 }
 
+/// Pairs of tracks that move alike at one shift in time, with their shift in space, m.
+type Places = BTreeMap<(u32, u32), f32>;
+
 /// A stretch of motion: where it is, under a signature of what it is.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Stretch {
@@ -70,7 +73,7 @@ pub fn overlaps(recordings: &[Recording]) -> Vec<Overlap> {
     }
     stretches.sort_unstable();
     // (recording a, recording b, shift in time) -> pairs of tracks that move alike, with their shift in space
-    let mut alike: BTreeMap<(u32, u32, i64), BTreeMap<(u32, u32), f32>> = BTreeMap::new();
+    let mut alike: BTreeMap<(u32, u32, i64), Places> = BTreeMap::new();
     for run in stretches.chunk_by(|a, b| a.signature == b.signature).filter(|run| run.len() <= COMMON) {
         for (i, a) in run.iter().enumerate() {
             for b in run[i + 1..].iter().filter(|b| b.recording != a.recording) {
@@ -153,7 +156,7 @@ fn frame(recording: &Recording, stretch: &Stretch) -> i64 {
 
 /// The most vehicles that share one shift in space, each in one pair only: at one instant a vehicle
 /// of the first recording can be one of the second.
-fn at_one_place(pairs: &BTreeMap<(u32, u32), f32>) -> usize {
+fn at_one_place(pairs: &Places) -> usize {
     let near = |centre: f32| {
         let (mut left, mut right) = (BTreeSet::new(), BTreeSet::new());
         pairs

@@ -1,7 +1,6 @@
 //! Checkpoints of learned baselines: safetensors with a header that says what the weights are.
 
 use std::collections::{BTreeMap, HashMap};
-use std::io::Write;
 use std::path::Path;
 
 use candle_core::{DType, Device, Tensor};
@@ -76,7 +75,7 @@ impl Checkpoint {
         }
         let metadata = HashMap::from([(KEY.to_owned(), text)]);
         let file = safetensors::serialize(views, Some(metadata)).map_err(|e| fail(e.to_string()))?;
-        write_whole(path, &file).map_err(|e| fail(format!("cannot be written: {e}")))
+        gnp_file::save(path, &file).map_err(|e| fail(format!("cannot be written: {e}")))
     }
 
     /// Reads a file written by [`Checkpoint::save`].
@@ -109,20 +108,4 @@ impl Checkpoint {
         }
         Ok(Self { header: envelope.header, tensors })
     }
-}
-
-fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        // What everybody may read, less what the user's mask takes away; the default is the owner alone.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.as_file().sync_all()?;
-    file.persist(path).map_err(|e| e.error)?;
-    Ok(())
 }
