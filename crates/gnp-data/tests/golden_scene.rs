@@ -334,7 +334,8 @@ fn reachable(observation: Observation<'_>) -> Vec<u32> {
 #[test]
 fn rows_after_the_last_observed_frame_do_not_count() {
     let t0 = 31;
-    let layouts: [(&str, &dyn Fn(Option<u32>) -> Recording); 3] = [
+    type Maker<'a> = &'a dyn Fn(Option<u32>) -> Recording;
+    let layouts: [(&str, Maker<'_>); 3] = [
         ("lower", &|scrambled| highd(Layout::Lower, 25., scrambled)),
         ("upper", &|scrambled| highd(Layout::Upper, 25., scrambled)),
         ("ngsim", &ngsim),
