@@ -57,7 +57,7 @@ fn text(vehicles: usize) -> String {
     text
 }
 
-/// Reads the recordings of a folder made by [`write`].
+/// Reads the recordings of a folder made by [`write()`].
 ///
 /// # Errors
 /// Those of the reader.

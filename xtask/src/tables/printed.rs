@@ -13,7 +13,7 @@ pub(crate) struct Printed {
     pub(crate) system: &'static str,
     /// What the numbers are.
     pub(crate) quantity: Quantity,
-    /// By second, 1 to 5: what [`Quantity::columns`] says; for an ablation 5 s alone.
+    /// By second, 1 to 5: as many as the quantity has columns; for an ablation 5 s alone.
     pub(crate) values: &'static [&'static [f64]],
 }
 
