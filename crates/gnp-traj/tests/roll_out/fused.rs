@@ -48,6 +48,39 @@ fn paths_and_gradients_are_those_of_the_graph() -> Outcome {
     Ok(())
 }
 
+/// Losses of an epoch of gradient descent on 24 mini-batches, each of windows of its own.
+fn epoch(engine: Engine) -> Outcome<Vec<f32>> {
+    let (network, weights) = network(&small(), 7)?;
+    let mut losses = Vec::new();
+    for batch in 0..24 {
+        let scene = scene(6, 1, 100 + batch)?;
+        let truth = uniform(&mut rand::SeedableRng::seed_from_u64(batch), &[6, 1, scene.steps, 2], -2., 2.)?;
+        let loss = (network.roll_out_on(engine, &scene, Phase::Full)? - truth)?.sqr()?.mean_all()?;
+        let gradients = loss.backward()?;
+        for (name, var) in weights.named() {
+            let gradient = gradients.get(&var).ok_or(format!("no gradient for {name}"))?;
+            var.set(&(var.as_tensor() - (gradient * 5e-3)?)?)?;
+        }
+        losses.push(loss.to_scalar()?);
+    }
+    Ok(losses)
+}
+
+#[test]
+fn an_epoch_of_training_has_the_graphs_losses() -> Outcome {
+    let (fused, graph) = (epoch(Engine::Fused)?, epoch(Engine::Graph)?);
+    for (batch, (fused, graph)) in fused.iter().zip(&graph).enumerate() {
+        assert!((fused - graph).abs() < 1e-3 * graph, "batch {batch}: {fused} fused, {graph} as a graph");
+    }
+    // The weights must have moved for the comparison to say something.
+    let (network, _) = network(&small(), 7)?;
+    let scene = scene(6, 1, 123)?;
+    let truth = uniform(&mut rand::SeedableRng::seed_from_u64(23), &[6, 1, scene.steps, 2], -2., 2.)?;
+    let untrained: f32 = (network.roll_out(&scene, Phase::Full)? - truth)?.sqr()?.mean_all()?.to_scalar()?;
+    assert!((untrained - fused[23]).abs() > 1e-2 * untrained, "{untrained} untrained, {} trained", fused[23]);
+    Ok(())
+}
+
 #[test]
 fn several_chunks_add_up() -> Outcome {
     assert_same(&small(), &scene(75, 1, 12)?, Phase::Full)
