@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum DataError {
     /// The file system refused.
-    #[error("{}: {source}; check that the path exists and may be read and written", file.display())]
+    #[error("{}: cannot be read or written; check that the path exists and that you may", file.display())]
     Io {
         /// The file or folder.
         file: PathBuf,
