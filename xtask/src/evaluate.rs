@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
-use gnp_data::{Predictor as _, Split, Window, WindowId, WindowSet};
+use gnp_data::{Part, Predictor as _, Split, Window, WindowId, WindowSet};
 use gnp_eval::{
     Entrant, EvalConfig, EvalError, PredictionWriter, Provenance, Score, TableHead, evaluate, save_scores, tables,
 };
@@ -43,17 +43,24 @@ pub(crate) struct Scoring<'a> {
 pub(crate) fn run(session: &Session) -> Result<()> {
     let set = session.windows()?;
     let split = Split::load(&set, &session.folder.path("split.json"))?;
-    let leaks = if split.leaks() { " (leaks)" } else { "" };
     let scoring = Scoring {
         model: session.folder.root(),
         out: session.folder.root(),
         set: &set,
-        ids: split.test(),
-        split: format!("{}{leaks}", kinds(split.kinds())),
+        ids: split.part(session.config.evaluate.part),
+        split: format!("{}{}", kinds(split.kinds()), remarks(&split, session.config.evaluate.part)),
         data: &session.folder.state.data,
         config: &session.config,
     };
     score(&scoring, session)
+}
+
+/// What must be said of a split wherever its scores stand: that it leaks, or that it is not the test
+/// part that was scored.
+pub(crate) fn remarks(split: &Split, part: Part) -> String {
+    let leaks = if split.leaks() { " (leaks)" } else { "" };
+    let part = if part == Part::Test { String::new() } else { format!(" ({} part)", part.name()) };
+    format!("{leaks}{part}")
 }
 
 /// Scores and predicts; writes `metrics.json`, `metrics.md` and `predictions.parquet`.

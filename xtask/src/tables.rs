@@ -1,7 +1,9 @@
 //! `table1` and `table2`: every system trained where it is not yet, scored on the same windows.
 //!
 //! A table has a folder: `gnp/` is the run of the full model, `learned/` has the learned baselines,
-//! `variants/` the runs of ablations. What is trained there stays; a table that is started again with
+//! `variants/` the runs of ablations. With a split into folds there is one such folder a fold,
+//! `fold-1/` and so on, and every window is scored once, by models that were not trained on what is
+//! kept together with it. What is trained there stays; a table that is started again with
 //! `--resume` trains what is missing and scores everything anew.
 
 mod learned;
@@ -19,15 +21,16 @@ use gnp_learned::LearnedKind;
 use gnp_model::{Gnp, NeighbourFuture};
 
 use crate::cli::{RunArgs, TableArgs};
-use crate::config::RunConfig;
+use crate::config::{RunConfig, Setting};
 use crate::pipeline;
 use crate::project;
 use crate::run_folder::occupied;
 use crate::session::{Machine, Session};
 use crate::stop::Interrupted;
-use crate::tables::report::{Report, write_report};
+use crate::tables::report::{Report, Scored, write_report};
 use crate::tables::systems::System;
 use crate::tables::variants::{FULL, VARIANTS};
+use crate::terminal::Terminal;
 
 /// Most windows of the training part that the Kalman filter's noise is fitted to.
 const KALMAN_WINDOWS: usize = 2000;
@@ -38,7 +41,6 @@ const KALMAN_WINDOWS: usize = 2000;
 /// When a training or a score fails; [`Interrupted`].
 pub(crate) fn table1(args: &TableArgs) -> Result<()> {
     let recipes = learned::read(&args.recipes.clone().unwrap_or_else(|| project::root().join("configs/learned.toml")))?;
-    let table = Table::start("table1", args)?;
     let kinds: Vec<LearnedKind> =
         LearnedKind::ALL.into_iter().filter(|kind| recipes.contains_key(kind.stem())).collect();
     let missing: Vec<String> = LearnedKind::ALL
@@ -46,29 +48,28 @@ pub(crate) fn table1(args: &TableArgs) -> Result<()> {
         .filter(|kind| !kinds.contains(kind))
         .map(|kind| format!("{}: has no recipe ([{}])", kind.name(), kind.stem()))
         .collect();
-    let total = 6 + kinds.len();
-    let session = table.train("gnp", 1, total)?;
-    let set = session.windows()?;
-    let split = Split::load(&set, &session.folder.path("split.json"))?;
-    let mut systems = vec![System::blind(FULL, gnp(&session)?), System::blind("goal head", GoalHead(gnp(&session)?))];
-    systems.extend(rules(&set, &split)?);
-    for (done, kind) in kinds.into_iter().enumerate() {
-        table.progress(&session, 7 + done, total, kind.name());
-        let recipe = &recipes[kind.stem()];
-        let folder = table.folder.join("learned");
-        systems.push(learned::system(kind, recipe, &session, &set, &split, &folder).map_err(|e| table.interrupted(e))?);
-    }
+    let table = Table::start("table1", args, 6 + kinds.len())?;
+    let scored = table.scored(|fold| {
+        let model = || gnp(fold.session);
+        let mut systems = vec![System::blind(FULL, model()?), System::blind("goal head", GoalHead(model()?))];
+        systems.extend(rules(fold.set, fold.split)?);
+        for (done, kind) in kinds.iter().copied().enumerate() {
+            fold.progress(7 + done, kind.name());
+            let folder = fold.folder.join("learned");
+            systems.push(learned::system(kind, &recipes[kind.stem()], fold, &folder)?);
+        }
+        Ok(systems)
+    })?;
     let report = Report {
         stem: "table1",
         title: "Table 1: all systems on the same windows",
         about: "Every system was trained and scored here. Below stand the figures that the papers print, which rest \
                 on other windows, other splits and in part on other quantities.",
         ours: FULL,
-        systems: &systems,
         missing: &missing,
-        printed: printed::table1(session.config.dataset),
+        printed: printed::table1(scored.session.config.dataset),
     };
-    write_report(&report, &session, &set, &table.folder).map_err(|error| table.interrupted(error))
+    write_report(&report, &scored, &table.folder)
 }
 
 /// `table2`: ablations.
@@ -76,32 +77,40 @@ pub(crate) fn table1(args: &TableArgs) -> Result<()> {
 /// # Errors
 /// As [`table1`].
 pub(crate) fn table2(args: &TableArgs) -> Result<()> {
-    let table = Table::start("table2", args)?;
-    let session = table.train("gnp", 1, VARIANTS.len())?;
-    // As written: a session has the run's seed added to the parts' own.
-    let config = RunConfig::read(&session.folder.path("config.toml"), &[])?;
-    let (mut systems, mut missing) = (Vec::new(), Vec::new());
-    for (done, variant) in VARIANTS.iter().enumerate() {
-        if variant.is_the_full_model(session.folder.root(), &config)? {
-            missing.push(format!("{}: the configuration is like that", variant.name));
-            continue;
-        }
-        let place = match variant.folder(&config) {
-            None => session.folder.root().to_owned(),
-            Some(name) => {
-                table.progress(&session, done + 1, VARIANTS.len(), variant.name);
-                let place = table.folder.join("variants").join(name);
-                let (folder, changed) = variant.start(&session.folder, &config, &place)?;
-                let mut session = Session::new(folder, changed, session.machine.clone());
-                for stage in variant.redo {
-                    pipeline::perform(&mut session, *stage, &table.resume)?;
-                }
-                place
+    let table = Table::start("table2", args, VARIANTS.len())?;
+    let scored = table.scored(|fold| {
+        let session = fold.session;
+        // As written: a session has the run's seed added to the parts' own.
+        let config = RunConfig::read(&session.folder.path("config.toml"), &[])?;
+        let mut systems = Vec::new();
+        for (done, variant) in VARIANTS.iter().enumerate() {
+            if variant.is_the_full_model(session.folder.root(), &config)? {
+                continue;
             }
-        };
-        systems.push(variant.system(&place, &config, &session.machine.device)?);
+            let place = match variant.folder(&config) {
+                None => session.folder.root().to_owned(),
+                Some(name) => {
+                    fold.progress(done + 1, variant.name);
+                    let place = fold.folder.join("variants").join(name);
+                    let (folder, changed) = variant.start(&session.folder, &config, &place)?;
+                    let mut session = Session::new(folder, changed, session.machine.clone());
+                    for stage in variant.redo {
+                        pipeline::perform(&mut session, *stage, &table.resume)?;
+                    }
+                    place
+                }
+            };
+            systems.push(variant.system(&place, &config, &session.machine.device)?);
+        }
+        Ok(systems)
+    })?;
+    let config = RunConfig::read(&scored.session.folder.path("config.toml"), &[])?;
+    let mut missing = Vec::new();
+    for variant in &VARIANTS {
+        if variant.is_the_full_model(scored.session.folder.root(), &config)? {
+            missing.push(format!("{}: the configuration is like that", variant.name));
+        }
     }
-    let set = session.windows()?;
     let report = Report {
         stem: "table2",
         title: "Table 2: what the parts of GNP do",
@@ -109,11 +118,10 @@ pub(crate) fn table2(args: &TableArgs) -> Result<()> {
                 change does not reach are shared. *No modes* is a single mode, the mean future, hence one goal made \
                 of the observation alone.",
         ours: FULL,
-        systems: &systems,
         missing: &missing,
-        printed: printed::table2(session.config.dataset),
+        printed: printed::table2(scored.session.config.dataset),
     };
-    write_report(&report, &session, &set, &table.folder).map_err(|error| table.interrupted(error))
+    write_report(&report, &scored, &table.folder)
 }
 
 /// A table being made.
@@ -122,36 +130,91 @@ struct Table {
     folder: PathBuf,
     run: RunArgs,
     machine: Machine,
+    /// Folds of the split; each has its own models.
+    folds: usize,
+    /// Systems of a fold, for progress.
+    total: usize,
     /// The command that goes on after an interruption.
     resume: String,
 }
 
+/// One fold of a table being made: what its systems are trained on.
+pub(crate) struct Fold<'a> {
+    /// The run of the full model.
+    pub(crate) session: &'a Session,
+    /// All windows.
+    pub(crate) set: &'a WindowSet<'a>,
+    /// Their parts.
+    pub(crate) split: &'a Split,
+    /// Where the models of this fold are kept.
+    folder: PathBuf,
+    table: &'a Table,
+    /// From 1.
+    number: usize,
+}
+
+impl Fold<'_> {
+    fn progress(&self, number: usize, name: &str) {
+        self.table.note(&self.table.machine.terminal, self.number, number, name);
+    }
+}
+
 impl Table {
     /// Refuses a folder in use unless it is to be resumed.
-    fn start(stem: &'static str, args: &TableArgs) -> Result<Self> {
-        let (_, name) = RunConfig::resolve(&args.run)?;
+    fn start(stem: &'static str, args: &TableArgs, total: usize) -> Result<Self> {
+        let (config, name) = RunConfig::resolve(&args.run)?;
         let folder = args.run.out.clone().unwrap_or_else(|| pipeline::default_out(&format!("{stem}-{name}")));
         if !args.run.resume && occupied(&folder)? {
             bail!("{} exists and is not empty; go on with it by --resume, or take another --out", folder.display());
         }
-        let gnp = folder.join("gnp");
-        if occupied(&folder)? && !occupied(&gnp)? {
-            bail!("{} is not the folder of a table; take another --out", folder.display());
-        }
         let dataset = args.run.dataset.map_or_else(String::new, |dataset| format!(" --dataset {}", dataset.as_str()));
         let resume = format!("cargo xtask {stem}{dataset} --resume --out {}", folder.display());
-        let run = RunArgs { out: Some(gnp), ..args.run.clone() };
-        Ok(Self { stem, folder, run, machine: Machine::start(&args.machine)?, resume })
+        let folds = config.split.folds;
+        let table =
+            Self { stem, folder, run: args.run.clone(), machine: Machine::start(&args.machine)?, folds, total, resume };
+        if occupied(&table.folder)? && !occupied(&table.fold_folder(1).join("gnp"))? {
+            bail!("{} is not the folder of a table; take another --out", table.folder.display());
+        }
+        Ok(table)
     }
 
-    /// The full model, trained unless it was before.
-    fn train(&self, name: &str, number: usize, total: usize) -> Result<Session> {
-        self.machine.terminal.note(&format!("{}: {number} of {total}, {name}", self.stem));
-        pipeline::trained(&self.run, self.machine.clone(), &self.resume)
+    /// Where the models of a fold are kept.
+    fn fold_folder(&self, fold: usize) -> PathBuf {
+        if self.folds == 1 { self.folder.clone() } else { self.folder.join(format!("fold-{fold}")) }
     }
 
-    fn progress(&self, session: &Session, number: usize, total: usize, name: &str) {
-        session.terminal().note(&format!("{}: {number} of {total}, {name}", self.stem));
+    /// Makes the systems of every fold and scores each on its fold's windows.
+    fn scored(&self, systems: impl Fn(&Fold<'_>) -> Result<Vec<System>>) -> Result<Scored> {
+        let mut scored: Option<Scored> = None;
+        for number in 1..=self.folds {
+            let of_fold = self.fold(number, &systems).map_err(|error| self.interrupted(error))?;
+            scored = Some(match scored {
+                None => of_fold,
+                Some(earlier) => earlier.pooled(of_fold)?,
+            });
+        }
+        scored.context("the split has no fold")
+    }
+
+    fn fold(&self, number: usize, systems: &impl Fn(&Fold<'_>) -> Result<Vec<System>>) -> Result<Scored> {
+        self.note(&self.machine.terminal, number, 1, FULL);
+        let folder = self.fold_folder(number);
+        let mut run = RunArgs { out: Some(folder.join("gnp")), ..self.run.clone() };
+        run.set.push(Setting { key: "split.fold".to_owned(), text: number.to_string() });
+        let session = pipeline::trained(&run, self.machine.clone(), &self.resume)?;
+        let set = session.windows()?;
+        let split = Split::load(&set, &session.folder.path("split.json"))?;
+        let fold = Fold { session: &session, set: &set, split: &split, folder, table: self, number };
+        let systems = systems(&fold)?;
+        let evaluate = &session.config.evaluate;
+        let evaluation = systems::score(&set, split.part(evaluate.part), &systems, evaluate, session.terminal())?;
+        drop(set);
+        Ok(Scored::new(&systems, evaluation, &split, session))
+    }
+
+    fn note(&self, terminal: &Terminal, fold: usize, number: usize, name: &str) {
+        let fold = if self.folds == 1 { String::new() } else { format!("fold {fold} of {}, ", self.folds) };
+        terminal.note(&format!("{}: {fold}{number} of {}, {name}", self.stem, self.total));
     }
 
     /// Says how to go on, where the user stopped the work.

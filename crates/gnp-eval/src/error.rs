@@ -52,6 +52,12 @@ pub enum EvalError {
         /// The name.
         model: String,
     },
+    /// Two evaluations that are not folds of one.
+    #[error("the folds differ in {what}; evaluate the same models under the same protocols in each")]
+    NotPooled {
+        /// What differs.
+        what: &'static str,
+    },
     /// A model failed.
     #[error("windows from recording {}, vehicle {}, frame {} on", .first.recording, .first.vehicle, .first.t0)]
     Predict {

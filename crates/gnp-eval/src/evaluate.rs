@@ -1,8 +1,9 @@
 //! The driver: asks models for forecasts batch by batch and gathers what each window adds.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
-use gnp_data::{Dataset, Forecast, InformedPredictor, Observation, Predictor, Window, WindowId, WindowSet};
+use gnp_data::{Dataset, Forecast, InformedPredictor, Observation, Part, Predictor, Window, WindowId, WindowSet};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +20,9 @@ use crate::sums::{Gatherer, Sums};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvalConfig {
+    /// Part of the split whose windows are scored: the test part, or the validation part as long as
+    /// settings are being compared. [`evaluate`] takes the windows it is given.
+    pub part: Part,
     /// Protocols to score under.
     pub protocols: Vec<Protocol>,
     /// Windows handed to a model at a time, at least; a batch ends with the vehicles of an instant
@@ -245,6 +249,33 @@ impl Evaluation {
         Ok(self)
     }
 
+    /// This evaluation and another of the same models on other windows, as one: the folds of a
+    /// cross-validation, in which a model is trained anew for each.
+    ///
+    /// # Errors
+    /// When models, protocols, kind of data or rate differ.
+    pub fn pooled(mut self, other: Self) -> Result<Self, EvalError> {
+        let refuse = |what| EvalError::NotPooled { what };
+        let (own, more) = (&mut self.setting, other.setting);
+        if own.dataset != more.dataset || own.rate_hz != more.rate_hz {
+            return Err(refuse("kind of data and rate"));
+        }
+        own.simulated |= more.simulated;
+        own.windows += more.windows;
+        if self.metrics != other.metrics {
+            return Err(refuse("protocols"));
+        }
+        let key = |sheet: &Sheet| (sheet.model.clone(), sheet.protocol, sheet.future_input);
+        if self.sheets.iter().map(key).ne(other.sheets.iter().map(key)) {
+            return Err(refuse("models"));
+        }
+        for (own, more) in self.sheets.iter_mut().zip(other.sheets) {
+            merge(&mut own.sums, more.sums);
+            merge(&mut own.manoeuvres, more.manoeuvres);
+        }
+        Ok(self)
+    }
+
     /// What the scored windows have in common.
     #[must_use]
     pub fn setting(&self) -> &Setting {
@@ -339,6 +370,18 @@ impl Evaluation {
         bootstrap
             .difference(sums_a, sums_b, index, metric.kind)
             .ok_or_else(|| unpaired("the metric applies to no window there"))
+    }
+}
+
+fn merge<K: Ord>(own: &mut BTreeMap<K, Sums>, more: BTreeMap<K, Sums>) {
+    for (key, sums) in more {
+        match own.entry(key) {
+            Entry::Vacant(place) => drop(place.insert(sums)),
+            Entry::Occupied(mut place) => {
+                let merged = place.get().merged(&sums);
+                place.insert(merged);
+            }
+        }
     }
 }
 

@@ -63,6 +63,21 @@ impl Sums {
         pool.value(kind)
     }
 
+    /// These and the sums of other windows as one; a vehicle with windows in both is one vehicle.
+    #[must_use]
+    pub(crate) fn merged(&self, other: &Self) -> Self {
+        let mut rows: BTreeMap<&VehicleId, Vec<Cell>> = BTreeMap::new();
+        for (vehicle, row) in [self, other].into_iter().flat_map(|sums| sums.vehicles.iter().zip(sums.rows())) {
+            let cells = rows.entry(vehicle).or_insert_with(|| vec![Cell::default(); row.len()]);
+            for (cell, more) in cells.iter_mut().zip(row) {
+                cell.sum += more.sum;
+                cell.windows += more.windows;
+            }
+        }
+        let (vehicles, cells): (Vec<_>, Vec<_>) = rows.into_iter().map(|(vehicle, row)| (vehicle.clone(), row)).unzip();
+        Self { vehicles, cells: cells.concat(), width: self.width }
+    }
+
     /// The sums of several sites as one.
     #[must_use]
     pub(crate) fn concatenated<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Self {

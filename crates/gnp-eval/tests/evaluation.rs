@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 use gnp_data::{
-    Columns, Dataset, Forecast, InformedPredictor, LaneLine, LineKind, Mode, Observation, PredictError, Predictor,
+    Columns, Dataset, Forecast, InformedPredictor, LaneLine, LineKind, Mode, Observation, Part, PredictError, Predictor,
     Recording, RecordingMeta, Road, Track, VehicleClass, Window, WindowConfig, WindowId, WindowSet,
 };
 use gnp_eval::{
@@ -74,7 +74,7 @@ fn windows() -> WindowConfig {
 }
 
 fn config(protocols: &[Protocol]) -> EvalConfig {
-    EvalConfig { protocols: protocols.to_vec(), batch: 2, bootstrap: Bootstrap { resamples: 200, seed: 3 } }
+    EvalConfig { part: Part::Test, protocols: protocols.to_vec(), batch: 2, bootstrap: Bootstrap { resamples: 200, seed: 3 } }
 }
 
 /// Goes on with the last speed; `drift` m/s to the left are added, and further modes drift more.
@@ -420,6 +420,34 @@ impl Predictor for Broken {
         (self.0)(&mut forecasts);
         Ok(forecasts)
     }
+}
+
+#[test]
+fn folds_pooled_score_as_all_windows_at_once() {
+    let car = |vehicle, v, a| Car { vehicle, x0: 0., y: 2., v, a };
+    let first = recording("a", "s", false, &[car(1, 20., 1.), car(2, 25., -2.)]);
+    let second = recording("b", "s", true, &[car(1, 22., 0.5), car(7, 18., 3.)]);
+    let third = recording("c", "t", false, &[car(4, 30., -1.)]);
+    let recordings = [first, second, third];
+    let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
+    let config = config(&[Protocol::Clean]);
+    let straight = Straight { name: "straight", drift: 0.3 };
+    let of = |ids: &[WindowId]| evaluate(&set, ids, &[Entrant::Predictor(&straight)], &config, &mut |_| Ok(())).unwrap();
+    let whole = of(set.ids());
+    // The folds share neither a site's order nor its windows.
+    let [one, two, three, four, five] = set.ids() else { panic!("five windows") };
+    let pooled = of(&[*four, *one]).pooled(of(&[*five, *two])).unwrap().pooled(of(&[*three])).unwrap();
+    assert_eq!(pooled.setting(), whole.setting());
+    assert_eq!(pooled.scores(&config.bootstrap), whole.scores(&config.bootstrap));
+    assert!(whole.scores(&config.bootstrap).iter().any(|score| score.value > 0.));
+
+    let other = evaluate(&set, &[*one], &[Entrant::Predictor(&Straight { name: "other", drift: 0.3 })], &config, &mut |_| Ok(())).unwrap();
+    let error = of(&[*two]).pooled(other).unwrap_err().to_string();
+    assert!(error.contains("models"), "{error}");
+    let literature = EvalConfig { protocols: vec![Protocol::Literature], ..config.clone() };
+    let other = evaluate(&set, &[*one], &[Entrant::Predictor(&straight)], &literature, &mut |_| Ok(())).unwrap();
+    let error = of(&[*two]).pooled(other).unwrap_err().to_string();
+    assert!(error.contains("protocols"), "{error}");
 }
 
 #[test]

@@ -87,6 +87,7 @@ impl Recipe {
             epochs: self.epochs(),
             batch: self.batch,
             epoch_windows: self.epoch_windows,
+            site_balance: 0.,
             learning_rate: self.learning_rate,
             schedule,
             weight_decay: 0.,

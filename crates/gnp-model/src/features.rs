@@ -1,5 +1,7 @@
 //! Windows to the tensors that the networks take, and back.
 
+use std::ops::Range;
+
 use candle_core::{Device, Tensor};
 use gnp_data::{LineKind, Observation, SLOTS, Standardiser, Window, WindowShape};
 use gnp_goal::GoalShape;
@@ -7,6 +9,7 @@ use gnp_modes::{Departure, ModeFrame, Modes, from_mode_frame, to_mode_frame};
 use serde::{Deserialize, Serialize};
 
 use crate::error::ModelError;
+use crate::following;
 use crate::seen::Seen;
 
 /// In which quantities the goal network sees motion.
@@ -31,6 +34,13 @@ pub struct FeatureConfig {
     /// Seconds of the past over which the velocity at the last observed frame is fitted; 0 takes
     /// one frame.
     pub velocity_window_s: f64,
+    /// Seconds of the past that are averaged into one step of the history which the goal network
+    /// sees, counted back from the last observed frame; what is left over at its beginning is not
+    /// seen. 0 shows every frame, as published.
+    pub history_block_s: f64,
+    /// Whether the goal network is also told where a textbook driver (the Intelligent Driver Model)
+    /// would be behind the leader; not published.
+    pub following_hint: bool,
 }
 
 impl FeatureConfig {
@@ -45,7 +55,17 @@ impl FeatureConfig {
         if !(self.velocity_window_s.is_finite() && self.velocity_window_s >= 0.) {
             return Err(ModelError::config("features.velocity_window_s", "must be 0 or a positive number of seconds"));
         }
+        if !(self.history_block_s.is_finite() && self.history_block_s >= 0.) {
+            return Err(ModelError::config("features.history_block_s", "must be 0 or a positive number of seconds"));
+        }
         Ok(())
+    }
+
+    /// Frames of each step of the history, from the earliest; every one ends before the next begins.
+    fn blocks(&self, shape: WindowShape) -> impl Iterator<Item = Range<usize>> + use<> {
+        let frames = ((self.history_block_s * shape.rate_hz).round() as usize).clamp(1, shape.observed);
+        let left_over = shape.observed % frames;
+        (left_over..shape.observed).step_by(frames).map(move |from| from..from + frames)
     }
 }
 
@@ -229,28 +249,42 @@ impl Features {
 /// Features of the target, before standardising.
 fn observed_row(config: &FeatureConfig, seen: &Seen<'_>) -> Vec<f32> {
     let shape = seen.observation().shape();
-    let mut row = Vec::with_capacity(4 * shape.observed + 8);
-    match config.representation {
-        Representation::Position => {
-            for i in 0..shape.observed {
-                let state = seen.target(i);
-                row.extend([state.x, state.y, state.vx, state.vy]);
-            }
-        }
-        Representation::Deviation => {
-            let velocity = seen.velocity(config.velocity_window_s);
-            for i in 0..shape.observed {
-                let state = seen.target(i);
-                let t = (shape.observed - 1 - i) as f32 * shape.dt() as f32;
-                row.extend([state.x + velocity[0] * t, state.y + velocity[1] * t]);
-                row.extend([state.vx - velocity[0], state.vy - velocity[1]]);
-            }
-            row.extend(velocity);
-            row.extend(seen.observation().size());
-            row.extend(nearest_lines(seen));
-        }
+    let mut row = Vec::with_capacity(4 * shape.observed + 8 + following::SECONDS);
+    let velocity = seen.velocity(config.velocity_window_s);
+    for block in config.blocks(shape) {
+        row.extend(mean(block, |i| {
+            let state = seen.target(i);
+            let t = (shape.observed - 1 - i) as f32 * shape.dt() as f32;
+            Some(match config.representation {
+                Representation::Position => [state.x, state.y, state.vx, state.vy],
+                Representation::Deviation => [
+                    state.x + velocity[0] * t,
+                    state.y + velocity[1] * t,
+                    state.vx - velocity[0],
+                    state.vy - velocity[1],
+                ],
+            })
+        }));
+    }
+    if config.representation == Representation::Deviation {
+        row.extend(velocity);
+        row.extend(seen.observation().size());
+        row.extend(nearest_lines(seen));
+    }
+    if config.following_hint {
+        row.extend(following::hint(seen, config.velocity_window_s));
     }
     row
+}
+
+/// Mean over the frames of a block in which there is a value; zeros where there is none.
+fn mean<const N: usize>(block: Range<usize>, value: impl Fn(usize) -> Option<[f32; N]>) -> [f32; N] {
+    let (mut sum, mut count) = ([0f32; N], 0u16);
+    for value in block.filter_map(value) {
+        sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += value);
+        count += 1;
+    }
+    sum.map(|sum| sum / f32::from(count.max(1)))
 }
 
 /// Distance to the nearest line on the right and on the left, and whether each is a boundary.
@@ -264,26 +298,32 @@ fn nearest_lines(seen: &Seen<'_>) -> [f32; 4] {
 }
 
 fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
+    let steps = config.blocks(shape).count();
     match config.representation {
-        Representation::Position => 4 * shape.observed,
-        Representation::Deviation => 5 * shape.observed + 2,
+        Representation::Position => 4 * steps,
+        Representation::Deviation => 5 * steps + 2,
     }
 }
 
-/// Features of the neighbour in `slot`, before standardising; zeros in frames without it.
+/// Features of the neighbour in `slot`, before standardising; zeros in steps without it.
 fn neighbour_row(config: &FeatureConfig, seen: &Seen<'_>, velocity: [f32; 2], slot: usize) -> Option<Vec<f32>> {
     let neighbour = seen.neighbour(slot)?;
     let shape = seen.observation().shape();
     let mut row = Vec::with_capacity(neighbour_width(config, shape));
-    for i in 0..shape.observed {
-        match (config.representation, neighbour.state(i)) {
-            (Representation::Position, Some(state)) => row.extend([state.x, state.y, state.vx, state.vy]),
-            (Representation::Position, None) => row.extend([0.; 4]),
-            (Representation::Deviation, Some(state)) => {
-                let own = seen.target(i);
-                row.extend([state.x - own.x, state.y - own.y, state.vx - velocity[0], state.vy - velocity[1], 1.]);
+    for block in config.blocks(shape) {
+        match config.representation {
+            Representation::Position => {
+                row.extend(mean(block, |i| neighbour.state(i).map(|state| [state.x, state.y, state.vx, state.vy])));
             }
-            (Representation::Deviation, None) => row.extend([0.; 5]),
+            Representation::Deviation => {
+                let frames = block.len() as f32;
+                let present = block.clone().filter(|i| neighbour.state(*i).is_some()).count() as f32;
+                row.extend(mean(block, |i| {
+                    let (state, own) = (neighbour.state(i)?, seen.target(i));
+                    Some([state.x - own.x, state.y - own.y, state.vx - velocity[0], state.vy - velocity[1]])
+                }));
+                row.push(present / frames);
+            }
         }
     }
     if config.representation == Representation::Deviation {

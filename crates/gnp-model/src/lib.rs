@@ -7,6 +7,7 @@
 mod checkpoint;
 mod error;
 mod features;
+mod following;
 mod gnp;
 mod joint;
 mod scene;

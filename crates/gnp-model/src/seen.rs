@@ -1,28 +1,38 @@
-//! An observation as the networks see it: as recorded, or in a mirror along the road.
+//! An observation as the networks see it: as recorded, or mirrored and stretched along the road.
 
 use gnp_data::{LaneLine, Neighbour, Observation, SLOTS, Slot, State, Truth, WindowShape};
 
-/// An observation, possibly mirrored left-right together with lanes, neighbours and slots.
+/// An observation, possibly mirrored left-right together with lanes, neighbours and slots, and
+/// possibly stretched along the road: augmentations for training, never used for prediction.
 ///
-/// Traffic is not symmetric (slow lanes are on the right), but lane changes are physics: mirroring
-/// is an augmentation for training, never used for prediction.
+/// Traffic is not symmetric (slow lanes are on the right), but lane changes are physics. A stretch
+/// multiplies every length and speed along the road, so that headways in seconds stay: the same
+/// drivers in faster or slower traffic.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
     observation: Observation<'a>,
     mirrored: bool,
+    stretch: f32,
 }
 
 impl<'a> Seen<'a> {
     /// The observation as recorded.
     #[must_use]
     pub fn recorded(observation: Observation<'a>) -> Self {
-        Self { observation, mirrored: false }
+        Self { observation, mirrored: false, stretch: 1. }
     }
 
     /// The observation with left and right exchanged.
     #[must_use]
     pub fn mirrored(observation: Observation<'a>) -> Self {
-        Self { observation, mirrored: true }
+        Self { mirrored: true, ..Self::recorded(observation) }
+    }
+
+    /// The same with everything along the road, futures too, multiplied by `factor` once more. Sizes
+    /// of vehicles and everything across the road stay.
+    #[must_use]
+    pub fn stretched(self, factor: f32) -> Self {
+        Self { stretch: self.stretch * factor, ..self }
     }
 
     /// The recorded observation behind it.
@@ -38,6 +48,7 @@ impl<'a> Seen<'a> {
     }
 
     fn turned(&self, state: State) -> State {
+        let state = State { x: state.x * self.stretch, vx: state.vx * self.stretch, ..state };
         if self.mirrored { State { y: -state.y, vy: -state.vy, ..state } } else { state }
     }
 

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use candle_core::{Device, Tensor};
 use gnp_data::{
-    Columns, Dataset, LaneLine, LineKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot, Track,
+    Columns, Dataset, LaneLine, LineKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot, State, Track,
     VehicleClass, Window, WindowShape,
 };
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
@@ -91,7 +91,7 @@ fn window(recording: &Recording, track: usize) -> Window<'_> {
 }
 
 fn features(recording: &Recording, representation: Representation) -> Features {
-    let config = FeatureConfig { representation, length_scale: 10., velocity_window_s: 0.4 };
+    let config = FeatureConfig { representation, length_scale: 10., velocity_window_s: 0.4, history_block_s: 0., following_hint: false };
     let observations = [0, 1].map(|track| window(recording, track).observation());
     Features::fit(&config, SHAPE, observations.into_iter()).unwrap()
 }
@@ -295,6 +295,32 @@ fn a_mirrored_road_is_seen_in_the_mirror() {
     for (a, b) in a.into_iter().zip(b) {
         assert!((a - b).abs() < 1e-4, "{a} {b}");
     }
+}
+
+#[test]
+fn a_stretch_multiplies_what_lies_along_the_road_and_nothing_else() {
+    let recording = road(false, false);
+    let window = window(&recording, 0);
+    let (plain, stretched) =
+        (Seen::recorded(window.observation()), Seen::recorded(window.observation()).stretched(0.5).stretched(3.));
+    let close = |a: f32, b: f32| assert!((a - b).abs() < 1e-3 * (1. + b.abs()), "{a} {b}");
+    let same = |a: State, b: State| {
+        for (a, b) in [(a.x, 1.5 * b.x), (a.vx, 1.5 * b.vx), (a.y, b.y), (a.vy, b.vy)] {
+            close(a, b);
+        }
+    };
+    same(stretched.target(0), plain.target(0));
+    same(stretched.true_target(&window.truth(), 3), plain.true_target(&window.truth(), 3));
+    close(stretched.velocity(0.5)[0], 1.5 * plain.velocity(0.5)[0]);
+    let mut neighbours = 0;
+    for slot in 0..SLOTS {
+        let (Some(a), Some(b)) = (stretched.neighbour(slot), plain.neighbour(slot)) else { continue };
+        neighbours += 1;
+        same(a.now(0.5), b.now(0.5));
+        assert_eq!(a.size(), b.size());
+    }
+    assert!(neighbours > 0);
+    assert_eq!(stretched.lines(), plain.lines());
 }
 
 #[test]

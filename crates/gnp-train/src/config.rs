@@ -15,6 +15,11 @@ pub struct TrainConfig {
     pub batch: usize,
     /// Windows drawn for an epoch, without repetition; 0 takes all of them.
     pub epoch_windows: usize,
+    /// How much sites count alike instead of windows: a window is drawn with a probability in
+    /// proportion to its site's number of windows to the power of minus this, with repetition, and
+    /// validation scores weigh windows so, too. 0 draws every window once an epoch; 1 gives every
+    /// site the same share.
+    pub site_balance: f64,
     /// Adam's learning rate before the schedule.
     pub learning_rate: f64,
     /// How the learning rate changes over the epochs.
@@ -44,6 +49,10 @@ impl TrainConfig {
         if self.batch == 0 {
             return refuse("batch", "0".into(), "put 1 window or more in a mini-batch");
         }
+        if !(0. ..=1.).contains(&self.site_balance) {
+            let remedy = "give a number between 0 (every window alike) and 1 (every site alike)";
+            return refuse("site_balance", self.site_balance.to_string(), remedy);
+        }
         if !positive(self.learning_rate) {
             return refuse("learning_rate", self.learning_rate.to_string(), "give a number above 0, such as 1e-4");
         }
@@ -64,6 +73,7 @@ impl TrainConfig {
             ("epochs", epochs.to_string(), saved.epochs.to_string()),
             ("batch", self.batch.to_string(), saved.batch.to_string()),
             ("epoch_windows", self.epoch_windows.to_string(), saved.epoch_windows.to_string()),
+            ("site_balance", self.site_balance.to_string(), saved.site_balance.to_string()),
             ("learning_rate", self.learning_rate.to_string(), saved.learning_rate.to_string()),
             ("schedule", format!("{:?}", self.schedule), format!("{:?}", saved.schedule)),
             ("weight_decay", self.weight_decay.to_string(), saved.weight_decay.to_string()),

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use candle_core::{Device, Tensor, Var};
-use rand::SeedableRng;
+use rand::{Rng as _, SeedableRng};
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use tracing::{debug, info, warn};
@@ -228,9 +228,21 @@ impl<'a> Run<'a> {
 
     /// The windows of the epoch under way, in its order.
     fn order(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.stage.train_len()).collect();
         let seed = mix(mix(self.config.seed, 0), self.progress.epoch as u64);
-        order.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let sites = self.stage.train_sites();
+        if self.config.site_balance > 0. && !sites.is_empty() {
+            let weights = weights(&sites, self.config.site_balance);
+            let mut total = 0.;
+            let ends: Vec<f64> = sites.iter().map(|site| (total += weights[site], total).1).collect();
+            let draw = |_| {
+                let at = rng.random::<f64>() * total;
+                ends.partition_point(|end| *end <= at).min(ends.len() - 1)
+            };
+            return (0..self.windows).map(draw).collect();
+        }
+        let mut order: Vec<usize> = (0..self.stage.train_len()).collect();
+        order.shuffle(&mut rng);
         order.truncate(self.windows);
         order
     }
@@ -276,17 +288,28 @@ impl<'a> Run<'a> {
     /// Scores over the whole validation part; nothing when the stop flag ended them.
     fn validate(&self, stop: &AtomicBool) -> Result<Option<Vec<Score>>, TrainError> {
         let stage = self.stage.name();
-        let windows: Vec<usize> = (0..self.stage.validation_len()).collect();
-        let mut sums = Sums::default();
-        for batch in windows.chunks(self.config.batch) {
-            if stop.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            if !sums.add(&self.stage.validate(batch)?) {
-                return Err(TrainError::Validation { stage, problem: "validation scores change their names" });
-            }
+        let mut by_site: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        let sites = self.stage.validation_sites();
+        let balance = if sites.is_empty() { 0. } else { self.config.site_balance };
+        for window in 0..self.stage.validation_len() {
+            let site = if balance > 0. { sites[window] } else { 0 };
+            by_site.entry(site).or_default().push(window);
         }
-        let means = sums.means();
+        let mut scored = Vec::with_capacity(by_site.len());
+        for windows in by_site.into_values() {
+            let weight = (windows.len() as f64).powf(-balance);
+            let mut sums = Sums::default();
+            for batch in windows.chunks(self.config.batch) {
+                if stop.load(Ordering::Relaxed) {
+                    return Ok(None);
+                }
+                if !sums.add(&self.stage.validate(batch)?) {
+                    return Err(TrainError::Validation { stage, problem: "validation scores change their names" });
+                }
+            }
+            scored.push((sums, weight));
+        }
+        let means = Sums::means_of(&scored);
         if means.is_empty() {
             return Err(TrainError::Validation { stage, problem: "there is no validation score to choose by" });
         }
@@ -335,4 +358,13 @@ impl<'a> Run<'a> {
         let (stage, epoch) = (self.stage.name(), self.progress.epoch + 1);
         TrainError::Diverged { stage, what, value, epoch, batch: batch + 1 }
     }
+}
+
+/// Weight of a window by site: the number of the site's windows to the power of minus `balance`.
+fn weights(sites: &[u32], balance: f64) -> BTreeMap<u32, f64> {
+    let mut counts: BTreeMap<u32, f64> = BTreeMap::new();
+    for site in sites {
+        *counts.entry(*site).or_default() += 1.;
+    }
+    counts.into_iter().map(|(site, count)| (site, count.powf(-balance))).collect()
 }

@@ -20,6 +20,17 @@ pub trait Stage {
     /// Number of validation windows.
     fn validation_len(&self) -> usize;
 
+    /// Site of each training window as a number, for
+    /// [`TrainConfig::site_balance`](crate::TrainConfig::site_balance); empty where all are of one.
+    fn train_sites(&self) -> Vec<u32> {
+        Vec::new()
+    }
+
+    /// Site of each validation window; empty where all are of one.
+    fn validation_sites(&self) -> Vec<u32> {
+        Vec::new()
+    }
+
     /// Mean loss over the training windows at the indices `batch`, a scalar. Every draw (dropout,
     /// noise) is fixed by `step_seed`.
     ///
@@ -75,6 +86,23 @@ impl Sums {
         }
         self.sums.iter().map(|(name, sum)| (*name, sum / self.count as f64)).collect()
     }
+
+    /// Means over several sites, where a window of each counts as much as its weight says. Names are
+    /// those of the first.
+    #[must_use]
+    pub(crate) fn means_of(sites: &[(Self, f64)]) -> Vec<(&'static str, f64)> {
+        let total: f64 = sites.iter().map(|(sums, weight)| weight * sums.count as f64).sum();
+        let mut means: Vec<(&'static str, f64)> = Vec::new();
+        for (sums, weight) in sites {
+            for (index, (name, sum)) in sums.sums.iter().enumerate() {
+                match means.get_mut(index) {
+                    Some((_, mean)) => *mean += weight * sum / total,
+                    None => means.push((name, weight * sum / total)),
+                }
+            }
+        }
+        means
+    }
 }
 
 #[cfg(test)]
@@ -87,6 +115,8 @@ mod tests {
         assert!(sums.add(&Sums::new(3, [("loss", 6.), ("fde", 9.)])));
         assert!(sums.add(&Sums::new(1, [("loss", 10.), ("fde", 1.)])));
         assert_eq!(sums.means(), [("loss", 4.), ("fde", 2.5)]);
+        let sites = [(Sums::new(3, [("loss", 6.)]), 1.), (Sums::new(1, [("loss", 10.)]), 3.)];
+        assert_eq!(Sums::means_of(&sites), [("loss", 6.)]);
         assert!(!sums.add(&Sums::new(1, [("fde", 10.), ("loss", 1.)])));
         assert_eq!(sums.means(), [("loss", 4.), ("fde", 2.5)]);
     }

@@ -101,6 +101,7 @@ fn config() -> TrainConfig {
         epochs: 6,
         batch: 3,
         epoch_windows: 0,
+        site_balance: 0.,
         learning_rate: 0.05,
         schedule: Schedule::Step { factor: 0.5, epochs: vec![2, 4] },
         weight_decay: 0.01,

@@ -72,6 +72,7 @@ fn train_config() -> TrainConfig {
         epochs: 2,
         batch: 16,
         epoch_windows: 50,
+        site_balance: 0.,
         learning_rate: 1e-3,
         schedule: Schedule::Constant {},
         weight_decay: 0.,
@@ -155,7 +156,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
     let ids = set.ids();
     let (train, validation) = ids.split_at(ids.len() - 17);
     let features =
-        FeatureConfig { representation: Representation::Deviation, length_scale: 5., velocity_window_s: 0.3 };
+        FeatureConfig { representation: Representation::Deviation, length_scale: 5., velocity_window_s: 0.3, history_block_s: 0.2, following_hint: true };
     let seen = || train.iter().filter_map(|id| set.get(*id));
     let features = Features::fit(&features, set.shape(), seen().map(|window| window.observation())).unwrap();
     let futures: Vec<f32> =
@@ -183,11 +184,11 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
 
 fn goal_training() -> GoalTraining {
     let labels = LabelConfig { distance: LabelDistance::MeanDisplacement, temperature: 0.5 };
-    GoalTraining { alpha: 0.2, labels, mirror: 0.5 }
+    GoalTraining { alpha: 0.2, labels, mirror: 0.5, stretch: 1.3 }
 }
 
 fn path_training() -> PathTraining {
-    PathTraining { goal_noise_m: [0.05, 0.02], mirror: 0.5 }
+    PathTraining { goal_noise_m: [0.05, 0.02], mirror: 0.5, stretch: 1.3 }
 }
 
 /// No weight is out of the loss's reach.
@@ -277,18 +278,18 @@ fn noise_and_mirror_follow_the_step_and_are_off_in_validation() {
             let scores = stage.validate(&[0, 2, 5]).unwrap().means();
             (stage.loss(&[1, 4, 7], seed).unwrap().to_scalar::<f32>().unwrap(), scores)
         };
-        let published = PathTraining { goal_noise_m: [0., 0.], mirror: 0. };
+        let published = PathTraining { goal_noise_m: [0., 0.], mirror: 0., stretch: 1. };
         let (plain, scores) = loss(&published, 1);
         assert_eq!(loss(&published, 2).0, plain);
         for training in
-            [PathTraining { goal_noise_m: [3., 1.], mirror: 0. }, PathTraining { goal_noise_m: [0., 0.], mirror: 1. }]
+            [PathTraining { goal_noise_m: [3., 1.], mirror: 0., stretch: 1. }, PathTraining { goal_noise_m: [0., 0.], mirror: 1., stretch: 1. }]
         {
             let (changed, same_scores) = loss(&training, 1);
             assert_ne!(changed, plain);
             assert_eq!(same_scores, scores);
             assert_eq!(loss(&training, 1).0, changed);
         }
-        assert_ne!(loss(&PathTraining { goal_noise_m: [3., 1.], mirror: 0. }, 2).0, plain);
+        assert_ne!(loss(&PathTraining { goal_noise_m: [3., 1.], mirror: 0., stretch: 1. }, 2).0, plain);
     });
 }
 

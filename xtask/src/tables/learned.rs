@@ -5,11 +5,10 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use gnp_data::{Split, WindowSet};
 use gnp_learned::{Informed, Learned, LearnedError, LearnedKind, Recipe, Training};
 
-use crate::session::Session;
 use crate::stop::{Interrupted, STOP};
+use crate::tables::Fold;
 use crate::tables::systems::System;
 use crate::training::Watch;
 
@@ -44,11 +43,10 @@ fn parse(text: &str) -> Result<Recipes> {
 pub(crate) fn system(
     kind: LearnedKind,
     recipe: &Recipe,
-    session: &Session,
-    set: &WindowSet<'_>,
-    split: &Split,
+    fold: &Fold<'_>,
     folder: &Path,
 ) -> Result<System> {
+    let Fold { session, set, split, .. } = fold;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let recipe = Recipe { seed: recipe.seed.wrapping_add(session.config.seed), ..recipe.clone() };
     let data = Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash() };

@@ -4,15 +4,16 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Result;
-use gnp_data::{Split, WindowSet};
-use gnp_eval::{Comparison, Score, TableHead, comparison_tables, csv, save_comparisons, tables};
+use gnp_data::Split;
+use gnp_eval::{Comparison, Evaluation, Score, TableHead, comparison_tables, csv, save_comparisons, tables};
 use serde::Serialize;
 
+use crate::evaluate::remarks;
 use crate::modes::kinds;
 use crate::run_folder::{write, write_json};
 use crate::session::Session;
 use crate::tables::printed::{self, Printed};
-use crate::tables::systems::{self, System};
+use crate::tables::systems::System;
 
 /// What a table is made of.
 pub(crate) struct Report<'a> {
@@ -24,8 +25,6 @@ pub(crate) struct Report<'a> {
     pub(crate) about: &'static str,
     /// The system that the others are held against.
     pub(crate) ours: &'static str,
-    /// In the order of the rows.
-    pub(crate) systems: &'a [System],
     /// Systems that are missing, and why.
     pub(crate) missing: &'a [String],
     /// What the papers print.
@@ -38,31 +37,74 @@ struct Content<'a> {
     data: &'a str,
     simulated: bool,
     split: &'a str,
-    split_hash: &'a str,
+    /// One a fold.
+    split_hashes: &'a [String],
     windows: usize,
     rate_hz: f64,
     seed: u64,
     version: &'static str,
-    systems: Vec<&'a str>,
+    systems: &'a [String],
     missing: &'a [String],
     scores: &'a [Score],
     differences: &'a [Comparison],
     printed_not_re_run: &'a [Printed],
 }
 
-/// Scores the systems on the test part of a run and writes the table to `folder`.
+/// Systems scored: of one split, or of the folds of one pooled.
+pub(crate) struct Scored {
+    evaluation: Evaluation,
+    /// Names, in the order of the rows.
+    systems: Vec<String>,
+    /// How the windows were parted, in words.
+    split: String,
+    hashes: Vec<String>,
+    /// The run of the full model, of the first fold.
+    pub(crate) session: Session,
+}
+
+impl Scored {
+    /// What `systems` got on a part of a split.
+    pub(crate) fn new(systems: &[System], evaluation: Evaluation, split: &Split, session: Session) -> Self {
+        let part = session.config.evaluate.part;
+        Self {
+            evaluation,
+            systems: systems.iter().map(|system| system.name().to_owned()).collect(),
+            split: format!("{}{}", kinds(split.kinds()), remarks(split, part)),
+            hashes: vec![split.hash().to_owned()],
+            session,
+        }
+    }
+
+    /// This and another fold of the same split as one.
+    ///
+    /// # Errors
+    /// When the folds do not have the same systems.
+    pub(crate) fn pooled(mut self, fold: Self) -> Result<Self> {
+        self.evaluation = self.evaluation.pooled(fold.evaluation)?;
+        self.hashes.extend(fold.hashes);
+        Ok(self)
+    }
+
+    /// How the windows were parted, folds included.
+    fn split(&self) -> String {
+        match self.hashes.len() {
+            1 => self.split.clone(),
+            folds => format!("{} in {folds} folds", self.split),
+        }
+    }
+}
+
+/// Writes the table of scored systems to `folder`.
 ///
 /// # Errors
-/// When a system fails or a file cannot be written.
-pub(crate) fn write_report(report: &Report<'_>, session: &Session, set: &WindowSet<'_>, folder: &Path) -> Result<()> {
-    let split = Split::load(set, &session.folder.path("split.json"))?;
-    let (config, terminal) = (&session.config.evaluate, session.terminal());
-    let evaluation = systems::score(set, split.test(), report.systems, config, terminal)?;
-    let scores = evaluation.scores(&config.bootstrap);
-    let differences = evaluation.comparisons(report.ours, &config.bootstrap)?;
+/// When a file cannot be written.
+pub(crate) fn write_report(report: &Report<'_>, scored: &Scored, folder: &Path) -> Result<()> {
+    let Scored { evaluation, session, .. } = scored;
+    let (bootstrap, terminal) = (&session.config.evaluate.bootstrap, session.terminal());
+    let scores = evaluation.scores(bootstrap);
+    let differences = evaluation.comparisons(report.ours, bootstrap)?;
 
-    let leaks = if split.leaks() { " (leaks)" } else { "" };
-    let head = TableHead { split: format!("{}{leaks}", kinds(split.kinds())), rate_hz: set.shape().rate_hz };
+    let head = TableHead { split: scored.split(), rate_hz: evaluation.setting().rate_hz };
     let mut shown = tables(&scores, &head);
     terminal.result(&format!("\n{} on {}", report.title, session.folder.state.data.words));
     for table in shown.iter().filter(|table| !table.detail) {
@@ -70,7 +112,7 @@ pub(crate) fn write_report(report: &Report<'_>, session: &Session, set: &WindowS
     }
     shown.extend(comparison_tables(&differences, &head));
 
-    let mut markdown = heading(report, session);
+    let mut markdown = heading(report, scored);
     for table in &shown {
         let _ = write!(markdown, "\n{}\n", table.markdown().trim_end());
     }
@@ -82,12 +124,12 @@ pub(crate) fn write_report(report: &Report<'_>, session: &Session, set: &WindowS
         data: &session.folder.state.data.words,
         simulated: session.folder.state.data.simulated,
         split: &head.split,
-        split_hash: split.hash(),
-        windows: split.test().len(),
+        split_hashes: &scored.hashes,
+        windows: evaluation.setting().windows,
         rate_hz: head.rate_hz,
         seed: session.config.seed,
         version: env!("CARGO_PKG_VERSION"),
-        systems: report.systems.iter().map(System::name).collect(),
+        systems: &scored.systems,
         missing: report.missing,
         scores: &scores,
         differences: &differences,
@@ -103,9 +145,16 @@ pub(crate) fn write_report(report: &Report<'_>, session: &Session, set: &WindowS
     Ok(())
 }
 
-fn heading(report: &Report<'_>, session: &Session) -> String {
+fn heading(report: &Report<'_>, scored: &Scored) -> String {
+    let session = &scored.session;
+    let folds = match scored.hashes.len() {
+        1 => String::new(),
+        folds => format!(
+            " Cross-validation in {folds} folds: each window is scored once, by models trained on the other folds."
+        ),
+    };
     let mut text = format!(
-        "# {}\n\n{} On {}. Seed {}. All systems are scored on the same windows. Lengths in m. Intervals: middle 95 % \
+        "# {}\n\n{} On {}. Seed {}. All systems are scored on the same windows.{folds} Lengths in m. Intervals: middle 95 % \
          of {} draws of vehicles with replacement. Systems marked *future input* are handed recorded futures.\n",
         report.title,
         report.about,

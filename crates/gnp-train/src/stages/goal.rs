@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::TrainError;
 use crate::seed::mix;
 use crate::stage::{Stage, Sums};
-use crate::stages::windows::{Windows, check_mirror};
+use crate::stages::windows::{Augment, Windows};
 
 /// Goals a window that the validation scores look at.
 const LOOKED_AT: usize = 6;
@@ -30,6 +30,9 @@ pub struct GoalTraining {
     pub labels: LabelConfig,
     /// Share of the training windows that are seen with left and right exchanged; 0 as published.
     pub mirror: f64,
+    /// Largest factor by which lengths along the road are multiplied or divided in training; 1 as
+    /// published. Headways in seconds stay: the same drivers in faster or slower traffic.
+    pub stretch: f64,
 }
 
 impl GoalTraining {
@@ -43,7 +46,11 @@ impl GoalTraining {
             return Err(TrainError::Config { key: "alpha", value: self.alpha.to_string(), remedy });
         }
         self.labels.check()?;
-        check_mirror(self.mirror)
+        self.augment().check()
+    }
+
+    fn augment(&self) -> Augment {
+        Augment { mirror: self.mirror, stretch: self.stretch }
     }
 }
 
@@ -129,15 +136,23 @@ impl Stage for GoalStage<'_> {
         self.validation.len()
     }
 
+    fn train_sites(&self) -> Vec<u32> {
+        self.train.sites()
+    }
+
+    fn validation_sites(&self) -> Vec<u32> {
+        self.validation.sites()
+    }
+
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
         let mut rng = ChaCha8Rng::seed_from_u64(mix(step_seed, 0));
-        let windows = self.train.batch(batch, self.config.mirror, &mut rng)?;
+        let windows = self.train.batch(batch, self.config.augment(), &mut rng)?;
         let mut dropout = Dropout::new(self.net.config().dropout, mix(step_seed, 1));
         Ok(self.losses(&windows, Some(&mut dropout))?.0.total)
     }
 
     fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
-        let windows = self.validation.batch(batch, 0., &mut ChaCha8Rng::seed_from_u64(0))?;
+        let windows = self.validation.batch(batch, Augment::NONE, &mut ChaCha8Rng::seed_from_u64(0))?;
         let (loss, inputs, truth) = self.losses(&windows, None)?;
         let GoalInputs { observed, neighbours, mask } = &inputs;
         let goals = self.net.predict(observed, neighbours, mask, &self.centres[0], LOOKED_AT)?;

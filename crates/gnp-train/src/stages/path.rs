@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::TrainError;
 use crate::seed::mix;
 use crate::stage::{Stage, Sums};
-use crate::stages::windows::{Windows, check_mirror};
+use crate::stages::windows::{Augment, Windows};
 
 /// Parts of the attraction network (phi_1); every other weight is of the repulsion network (phi_2).
 const ATTRACTION: [&str; 5] = ["emb1.", "cell1.", "out1.", "enc_goal.", "tau."];
@@ -29,6 +29,9 @@ pub struct PathTraining {
     pub goal_noise_m: [f64; 2],
     /// Share of the training windows that are seen with left and right exchanged; 0 as published.
     pub mirror: f64,
+    /// Largest factor by which lengths along the road are multiplied or divided in training; 1 as
+    /// published. Headways in seconds stay: the same drivers in faster or slower traffic.
+    pub stretch: f64,
 }
 
 impl PathTraining {
@@ -41,7 +44,11 @@ impl PathTraining {
             let remedy = "give two standard deviations in m, each 0 (as published) or more";
             return Err(TrainError::Config { key: "goal_noise_m", value: format!("{:?}", self.goal_noise_m), remedy });
         }
-        check_mirror(self.mirror)
+        self.augment().check()
+    }
+
+    fn augment(&self) -> Augment {
+        Augment { mirror: self.mirror, stretch: self.stretch }
     }
 }
 
@@ -49,7 +56,7 @@ impl PathTraining {
 /// (GNP paper, progressive training): first the attraction alone, then, that one frozen, the
 /// repulsion.
 ///
-/// Its validation scores are `mse`, the loss without noise and mirror in m², and `ade` and `fde` in
+/// Its validation scores are `mse`, the loss without noise and variation in m², and `ade` and `fde` in
 /// m. All are made with the true goal: they measure the force, not the prediction.
 #[derive(Debug)]
 pub struct PathStage<'a> {
@@ -150,8 +157,16 @@ impl Stage for PathStage<'_> {
         self.validation.len()
     }
 
+    fn train_sites(&self) -> Vec<u32> {
+        self.train.sites()
+    }
+
+    fn validation_sites(&self) -> Vec<u32> {
+        self.validation.sites()
+    }
+
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
-        let windows = self.train.batch(batch, self.config.mirror, &mut ChaCha8Rng::seed_from_u64(mix(step_seed, 0)))?;
+        let windows = self.train.batch(batch, self.config.augment(), &mut ChaCha8Rng::seed_from_u64(mix(step_seed, 0)))?;
         let mut rng = ChaCha8Rng::seed_from_u64(mix(step_seed, 1));
         let [forward, left] = self.config.goal_noise_m;
         let draw = |_| {
@@ -164,7 +179,7 @@ impl Stage for PathStage<'_> {
     }
 
     fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
-        let windows = self.validation.batch(batch, 0., &mut ChaCha8Rng::seed_from_u64(0))?;
+        let windows = self.validation.batch(batch, Augment::NONE, &mut ChaCha8Rng::seed_from_u64(0))?;
         let [path, truth] = self.paths(&windows, &vec![[0.; 2]; batch.len()])?;
         let squares = (path.detach() - truth)?.sqr()?.sum(2)?.to_vec2::<f32>()?;
         let (mut mse, mut ade, mut fde) = (0., 0., 0.);
@@ -202,12 +217,13 @@ mod tests {
 
     #[test]
     fn bad_values_are_refused_by_key() {
-        let good = PathTraining { goal_noise_m: [2., 0.], mirror: 0.5 };
+        let good = PathTraining { goal_noise_m: [2., 0.], mirror: 0.5, stretch: 1.2 };
         assert!(good.check().is_ok());
         for (bad, key) in [
             (PathTraining { goal_noise_m: [-1., 0.], ..good.clone() }, "goal_noise_m"),
             (PathTraining { goal_noise_m: [0., f64::NAN], ..good.clone() }, "goal_noise_m"),
             (PathTraining { mirror: 1.1, ..good.clone() }, "mirror"),
+            (PathTraining { stretch: 0.8, ..good.clone() }, "stretch"),
         ] {
             let message = bad.check().unwrap_err().to_string();
             assert!(message.starts_with(key), "{message}");

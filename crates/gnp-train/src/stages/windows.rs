@@ -1,5 +1,7 @@
 //! The windows of a part, and a mini-batch of them as the networks are to see it.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use gnp_data::{Window, WindowId, WindowSet};
 use gnp_model::Seen;
 use rand::Rng;
@@ -32,29 +34,59 @@ impl<'a> Windows<'a> {
         self.ids.is_empty()
     }
 
-    /// Those at `indices`, a random share `mirror` of them with left and right exchanged.
+    /// Site of each window as a number, in the order of the sites' names.
+    pub(crate) fn sites(&self) -> Vec<u32> {
+        let name = |id: &WindowId| self.set.recording(*id).map_or("", |recording| recording.meta().site.as_str());
+        let names: BTreeSet<&str> = self.ids.iter().map(name).collect();
+        let number: BTreeMap<&str, u32> = names.into_iter().zip(0..).collect();
+        self.ids.iter().map(|id| number[name(id)]).collect()
+    }
+
+    /// Those at `indices`, as `augment` has them seen.
     pub(crate) fn batch(
         &self,
         indices: &[usize],
-        mirror: f64,
+        augment: Augment,
         rng: &mut impl Rng,
     ) -> Result<Vec<(Seen<'a>, Window<'a>)>, TrainError> {
         let view = |index: &usize| {
             let window = self.ids.get(*index).and_then(|id| self.set.get(*id));
             let window = window.ok_or(TrainError::Window { index: *index, windows: self.len() })?;
-            // Drawn for every window, so that the share does not change what is drawn after it.
-            let mirrored = rng.random::<f64>() < mirror;
+            // Drawn for every window, so that a setting does not change what is drawn after it.
+            let (mirrored, place) = (rng.random::<f64>() < augment.mirror, rng.random::<f64>());
             let observation = window.observation();
             let seen = if mirrored { Seen::mirrored(observation) } else { Seen::recorded(observation) };
-            Ok((seen, window))
+            let stretch = augment.stretch.powf(2. * place - 1.);
+            Ok((seen.stretched(stretch as f32), window))
         };
         indices.iter().map(view).collect()
     }
 }
 
-/// Whether `mirror` is a share.
-pub(crate) fn check_mirror(mirror: f64) -> Result<(), TrainError> {
-    let remedy = "give a share between 0 (as published) and 1";
-    let error = TrainError::Config { key: "mirror", value: mirror.to_string(), remedy };
-    (0. ..=1.).contains(&mirror).then_some(()).ok_or(error)
+/// How training windows are varied.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Augment {
+    /// Share that is seen with left and right exchanged.
+    pub(crate) mirror: f64,
+    /// Largest factor by which lengths along the road are multiplied or divided; the factor's
+    /// logarithm is drawn evenly.
+    pub(crate) stretch: f64,
+}
+
+impl Augment {
+    /// Nothing is varied.
+    pub(crate) const NONE: Self = Self { mirror: 0., stretch: 1. };
+
+    /// Whether both values can be used.
+    pub(crate) fn check(self) -> Result<(), TrainError> {
+        if !(0. ..=1.).contains(&self.mirror) {
+            let remedy = "give a share between 0 (as published) and 1";
+            return Err(TrainError::Config { key: "mirror", value: self.mirror.to_string(), remedy });
+        }
+        if !(1. ..=4.).contains(&self.stretch) {
+            let remedy = "give a factor between 1 (as published: none) and 4";
+            return Err(TrainError::Config { key: "stretch", value: self.stretch.to_string(), remedy });
+        }
+        Ok(())
+    }
 }
