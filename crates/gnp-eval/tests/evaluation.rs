@@ -5,8 +5,8 @@
 use std::collections::BTreeMap;
 
 use gnp_data::{
-    Columns, Dataset, Forecast, InformedPredictor, LaneLine, LineKind, Mode, Observation, Part, PredictError, Predictor,
-    Recording, RecordingMeta, Road, Track, VehicleClass, Window, WindowConfig, WindowId, WindowSet,
+    Columns, Dataset, Forecast, InformedPredictor, LaneLine, LineKind, Mode, Observation, Part, PredictError,
+    Predictor, Recording, RecordingMeta, Road, Track, VehicleClass, Window, WindowConfig, WindowId, WindowSet,
 };
 use gnp_eval::{
     ALL_SITES, Batch, Bootstrap, Comparison, Coverage, Detail, Entrant, EvalConfig, EvalError, ForecastProblem,
@@ -74,7 +74,12 @@ fn windows() -> WindowConfig {
 }
 
 fn config(protocols: &[Protocol]) -> EvalConfig {
-    EvalConfig { part: Part::Test, protocols: protocols.to_vec(), batch: 2, bootstrap: Bootstrap { resamples: 200, seed: 3 } }
+    EvalConfig {
+        part: Part::Test,
+        protocols: protocols.to_vec(),
+        batch: 2,
+        bootstrap: Bootstrap { resamples: 200, seed: 3 },
+    }
 }
 
 /// Goes on with the last speed; `drift` m/s to the left are added, and further modes drift more.
@@ -432,7 +437,8 @@ fn folds_pooled_score_as_all_windows_at_once() {
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let config = config(&[Protocol::Clean]);
     let straight = Straight { name: "straight", drift: 0.3 };
-    let of = |ids: &[WindowId]| evaluate(&set, ids, &[Entrant::Predictor(&straight)], &config, &mut |_| Ok(())).unwrap();
+    let of =
+        |ids: &[WindowId]| evaluate(&set, ids, &[Entrant::Predictor(&straight)], &config, &mut |_| Ok(())).unwrap();
     let whole = of(set.ids());
     // The folds share neither a site's order nor its windows.
     let [one, two, three, four, five] = set.ids() else { panic!("five windows") };
@@ -441,7 +447,11 @@ fn folds_pooled_score_as_all_windows_at_once() {
     assert_eq!(pooled.scores(&config.bootstrap), whole.scores(&config.bootstrap));
     assert!(whole.scores(&config.bootstrap).iter().any(|score| score.value > 0.));
 
-    let other = evaluate(&set, &[*one], &[Entrant::Predictor(&Straight { name: "other", drift: 0.3 })], &config, &mut |_| Ok(())).unwrap();
+    let other =
+        evaluate(&set, &[*one], &[Entrant::Predictor(&Straight { name: "other", drift: 0.3 })], &config, &mut |_| {
+            Ok(())
+        })
+        .unwrap();
     let error = of(&[*two]).pooled(other).unwrap_err().to_string();
     assert!(error.contains("models"), "{error}");
     let literature = EvalConfig { protocols: vec![Protocol::Literature], ..config.clone() };

@@ -131,7 +131,13 @@ fn frame(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
         // Vehicles that are there at about the same time, as those of a frame are.
         let mut windows: Vec<_> = set.iter().map(|window| window.observation()).collect();
         windows.sort_by_key(Observation::frame);
-        let features = FeatureConfig { representation: sizes.representation, length_scale: 5., velocity_window_s: 0.5, history_block_s: 0., following_hint: false };
+        let features = FeatureConfig {
+            representation: sizes.representation,
+            length_scale: 5.,
+            velocity_window_s: 0.5,
+            history_block_s: 0.,
+            following_hint: false,
+        };
         let features = Features::fit(&features, set.shape(), windows.iter().copied())?;
         let model = model(&sizes, features)?;
         let (name, modes) = (sizes.name, sizes.modes);

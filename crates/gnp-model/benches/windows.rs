@@ -46,7 +46,13 @@ fn windows(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
         let goals = Tensor::zeros((seen.len(), 1, 2), DType::F32, &Device::Cpu)?;
         group.throughput(Throughput::Elements(seen.len() as u64));
         for representation in [Representation::Position, Representation::Deviation] {
-            let config = FeatureConfig { representation, length_scale: 5., velocity_window_s: 0.5, history_block_s: 0., following_hint: false };
+            let config = FeatureConfig {
+                representation,
+                length_scale: 5.,
+                velocity_window_s: 0.5,
+                history_block_s: 0.,
+                following_hint: false,
+            };
             let features = Features::fit(&config, shape, seen.iter().map(|seen| *seen.observation()))?;
             let id = format!("features/{name}/{representation:?}/{}_windows/{frames}", seen.len());
             group.bench_function(id.to_lowercase(), |bencher| {

@@ -331,3 +331,35 @@ fn neighbour_row(config: &FeatureConfig, seen: &Seen<'_>, velocity: [f32; 2], sl
     }
     Some(row)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn blocks(history_block_s: f64, observed: usize) -> Vec<Range<usize>> {
+        let representation = Representation::Deviation;
+        let config = FeatureConfig {
+            representation,
+            length_scale: 5.,
+            velocity_window_s: 0.5,
+            history_block_s,
+            following_hint: false,
+        };
+        config.check().unwrap();
+        config.blocks(WindowShape { observed, predicted: 25, step: 1, rate_hz: 10. }).collect()
+    }
+
+    #[test]
+    fn blocks_end_at_the_last_observed_frame() {
+        assert_eq!(blocks(0., 4), [0..1, 1..2, 2..3, 3..4]);
+        assert_eq!(blocks(0.3, 7), [1..4, 4..7], "the first frame is left over");
+        assert_eq!(blocks(9., 7), [0..7], "no longer than the past");
+    }
+
+    #[test]
+    fn a_step_is_the_mean_of_the_frames_with_a_value() {
+        let value = |i: usize| (i != 2).then_some([i as f32, -1.]);
+        assert_eq!(mean(1..5, value), [(1. + 3. + 4.) / 3., -1.]);
+        assert_eq!(mean(2..3, value), [0., 0.]);
+    }
+}

@@ -8,8 +8,8 @@ use std::path::Path;
 
 use candle_core::{Device, Tensor};
 use gnp_data::{
-    Columns, Dataset, LaneLine, LineKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot, State, Track,
-    VehicleClass, Window, WindowShape,
+    Columns, Dataset, LaneLine, LineKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot, State,
+    Track, VehicleClass, Window, WindowShape,
 };
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
@@ -91,7 +91,13 @@ fn window(recording: &Recording, track: usize) -> Window<'_> {
 }
 
 fn features(recording: &Recording, representation: Representation) -> Features {
-    let config = FeatureConfig { representation, length_scale: 10., velocity_window_s: 0.4, history_block_s: 0., following_hint: false };
+    let config = FeatureConfig {
+        representation,
+        length_scale: 10.,
+        velocity_window_s: 0.4,
+        history_block_s: 0.,
+        following_hint: false,
+    };
     let observations = [0, 1].map(|track| window(recording, track).observation());
     Features::fit(&config, SHAPE, observations.into_iter()).unwrap()
 }

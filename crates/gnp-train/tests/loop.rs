@@ -27,6 +27,8 @@ struct Line {
     train: usize,
     validation: usize,
     nan_at: Option<u64>,
+    /// Training and validation windows from these places on are of another site.
+    other_site: Option<[usize; 2]>,
     steps: Cell<u64>,
     /// Windows and seed of every step.
     asked: RefCell<Vec<(Vec<usize>, u64)>>,
@@ -43,6 +45,7 @@ impl Line {
             train: 11,
             validation: 5,
             nan_at: None,
+            other_site: None,
             steps: Cell::new(0),
             asked: RefCell::default(),
         }
@@ -75,6 +78,14 @@ impl Stage for Line {
 
     fn validation_len(&self) -> usize {
         self.validation
+    }
+
+    fn train_sites(&self) -> Vec<u32> {
+        self.other_site.map_or_else(Vec::new, |[from, _]| (0..self.train).map(|i| u32::from(i >= from)).collect())
+    }
+
+    fn validation_sites(&self) -> Vec<u32> {
+        self.other_site.map_or_else(Vec::new, |[_, from]| (0..self.validation).map(|i| u32::from(i >= from)).collect())
     }
 
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
@@ -288,6 +299,37 @@ fn a_part_of_the_windows_makes_an_epoch_when_asked() {
     let line = Line::new();
     let (outcome, _) = train(&TrainConfig { epoch_windows: 7, epochs: 2, ..config() }, &line);
     assert_eq!(outcome.progress.steps, 2 * 3);
+}
+
+#[test]
+fn sites_count_alike_when_asked() {
+    let share = |site_balance: f64| {
+        let line = Line { other_site: Some([9, 4]), train: 11, ..Line::new() };
+        let config = TrainConfig { epochs: 60, site_balance, ..config() };
+        train(&config, &line);
+        let asked = line.asked.borrow();
+        let drawn: Vec<usize> = asked.iter().flat_map(|(windows, _)| windows.clone()).collect();
+        assert_eq!(drawn.len(), 60 * 11);
+        drawn.iter().filter(|window| **window >= 9).count() as f64 / drawn.len() as f64
+    };
+    assert_eq!(share(0.), 2. / 11.);
+    assert!((share(1.) - 0.5).abs() < 0.06);
+    // Weights of 9 to the power of a half against 2 to it.
+    assert!((share(0.5) - 0.32).abs() < 0.06);
+}
+
+#[test]
+fn validation_scores_weigh_sites_as_training_does() {
+    let score = |site_balance: f64| {
+        let line = Line { other_site: Some([9, 4]), ..Line::new() };
+        // No step to speak of: the scores are those of y = 0.
+        let config = TrainConfig { epochs: 1, learning_rate: 1e-12, site_balance, ..config() };
+        train(&config, &line).0.progress.history[0].validation[0].value
+    };
+    let errors = [0, 1, 2, 3, 4].map(|i| (2. * i as f32 / 7. - 1.).powi(2));
+    let first = errors[..4].iter().sum::<f32>() / 4.;
+    assert!((score(0.) - errors.iter().sum::<f32>() / 5.).abs() < 1e-5);
+    assert!((score(1.) - (first + errors[4]) / 2.).abs() < 1e-5);
 }
 
 #[test]

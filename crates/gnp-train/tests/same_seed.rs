@@ -155,8 +155,13 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let ids = set.ids();
     let (train, validation) = ids.split_at(ids.len() - 17);
-    let features =
-        FeatureConfig { representation: Representation::Deviation, length_scale: 5., velocity_window_s: 0.3, history_block_s: 0.2, following_hint: true };
+    let features = FeatureConfig {
+        representation: Representation::Deviation,
+        length_scale: 5.,
+        velocity_window_s: 0.3,
+        history_block_s: 0.2,
+        following_hint: true,
+    };
     let seen = || train.iter().filter_map(|id| set.get(*id));
     let features = Features::fit(&features, set.shape(), seen().map(|window| window.observation())).unwrap();
     let futures: Vec<f32> =
@@ -281,9 +286,10 @@ fn noise_and_mirror_follow_the_step_and_are_off_in_validation() {
         let published = PathTraining { goal_noise_m: [0., 0.], mirror: 0., stretch: 1. };
         let (plain, scores) = loss(&published, 1);
         assert_eq!(loss(&published, 2).0, plain);
-        for training in
-            [PathTraining { goal_noise_m: [3., 1.], mirror: 0., stretch: 1. }, PathTraining { goal_noise_m: [0., 0.], mirror: 1., stretch: 1. }]
-        {
+        for training in [
+            PathTraining { goal_noise_m: [3., 1.], mirror: 0., stretch: 1. },
+            PathTraining { goal_noise_m: [0., 0.], mirror: 1., stretch: 1. },
+        ] {
             let (changed, same_scores) = loss(&training, 1);
             assert_ne!(changed, plain);
             assert_eq!(same_scores, scores);

@@ -40,12 +40,7 @@ fn parse(text: &str) -> Result<Recipes> {
 ///
 /// # Errors
 /// When the training fails; [`Interrupted`].
-pub(crate) fn system(
-    kind: LearnedKind,
-    recipe: &Recipe,
-    fold: &Fold<'_>,
-    folder: &Path,
-) -> Result<System> {
+pub(crate) fn system(kind: LearnedKind, recipe: &Recipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
     let Fold { session, set, split, .. } = fold;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let recipe = Recipe { seed: recipe.seed.wrapping_add(session.config.seed), ..recipe.clone() };

@@ -166,7 +166,8 @@ impl Stage for PathStage<'_> {
     }
 
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
-        let windows = self.train.batch(batch, self.config.augment(), &mut ChaCha8Rng::seed_from_u64(mix(step_seed, 0)))?;
+        let windows =
+            self.train.batch(batch, self.config.augment(), &mut ChaCha8Rng::seed_from_u64(mix(step_seed, 0)))?;
         let mut rng = ChaCha8Rng::seed_from_u64(mix(step_seed, 1));
         let [forward, left] = self.config.goal_noise_m;
         let draw = |_| {
