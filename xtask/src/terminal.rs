@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use tracing_subscriber::filter::LevelFilter;
 
+/// Widest line of a result.
+pub(crate) const COLUMNS: usize = 100;
 /// Plain lines of one piece of work are at least this far apart.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
@@ -146,6 +148,23 @@ impl Write for AboveBars {
     }
 }
 
+/// Text broken between words into lines of at most [`COLUMNS`]; all but the first are indented.
+pub(crate) fn wrapped(text: &str) -> String {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let Some(line) = lines.last_mut() else { break };
+        if line.is_empty() {
+            line.push_str(word);
+        } else if line.chars().count() + 1 + word.chars().count() <= COLUMNS {
+            line.push(' ');
+            line.push_str(word);
+        } else {
+            lines.push(format!("  {word}"));
+        }
+    }
+    lines.join("\n")
+}
+
 /// A duration as `1 h 02 min`, `3 min 04 s` or `5.6 s`.
 pub(crate) fn duration(time: Duration) -> String {
     let seconds = time.as_secs();
@@ -159,6 +178,15 @@ pub(crate) fn duration(time: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_lines_are_broken_between_words() {
+        let text = "word ".repeat(50);
+        let broken = wrapped(&text);
+        assert!(broken.lines().count() == 3 && broken.lines().all(|line| line.chars().count() <= COLUMNS), "{broken}");
+        assert_eq!(broken.split_whitespace().count(), 50);
+        assert_eq!(wrapped("a  b"), "a b");
+    }
 
     #[test]
     fn durations_read_well() {

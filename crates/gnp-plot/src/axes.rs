@@ -89,14 +89,7 @@ impl Panel {
         let [left, top, width, height] = self.place;
         let small = format!("font-size=\"9\" fill=\"{INK}\"");
         svg.group("class=\"axes\"");
-        for value in self.x.ticks((width / 46.) as usize) {
-            let [x, _] = self.at(value, self.y.data[0]);
-            if grid {
-                svg.line([x, top], [x, top + height], &format!("stroke=\"{GRID}\" stroke-width=\"0.6\""));
-            }
-            svg.line([x, top + height], [x, top + height + 3.], &format!("stroke=\"{INK}\" stroke-width=\"0.8\""));
-            svg.text([x, top + height + 12.], &shown(value), &format!("text-anchor=\"middle\" {small}"));
-        }
+        self.below(svg, x_label, grid);
         for value in self.y.ticks((height / 20.).max(4.) as usize) {
             let [_, y] = self.at(self.x.data[0], value);
             if grid {
@@ -106,9 +99,31 @@ impl Panel {
             svg.text([left - 5., y + 3.2], &shown(value), &format!("text-anchor=\"end\" {small}"));
         }
         svg.rect(left, top, width, height, &format!("fill=\"none\" stroke=\"{INK}\" stroke-width=\"0.8\""));
-        svg.text([left + width / 2., top + height + 24.], x_label, &format!("text-anchor=\"middle\" {small}"));
         svg.text_up([left - 33., top + height / 2.], y_label, &small);
         svg.end();
+    }
+
+    /// Frame, and ticks and label of the axis below, over a grid.
+    pub(crate) fn frame_below(&self, svg: &mut Svg, label: &str) {
+        let [left, top, width, height] = self.place;
+        svg.group("class=\"axes\"");
+        self.below(svg, label, true);
+        svg.rect(left, top, width, height, &format!("fill=\"none\" stroke=\"{INK}\" stroke-width=\"0.8\""));
+        svg.end();
+    }
+
+    fn below(&self, svg: &mut Svg, label: &str, grid: bool) {
+        let [left, top, width, height] = self.place;
+        let small = format!("font-size=\"9\" fill=\"{INK}\" text-anchor=\"middle\"");
+        for value in self.x.ticks((width / 46.) as usize) {
+            let [x, _] = self.at(value, self.y.data[0]);
+            if grid {
+                svg.line([x, top], [x, top + height], &format!("stroke=\"{GRID}\" stroke-width=\"0.6\""));
+            }
+            svg.line([x, top + height], [x, top + height + 3.], &format!("stroke=\"{INK}\" stroke-width=\"0.8\""));
+            svg.text([x, top + height + 12.], &shown(value), &small);
+        }
+        svg.text([left + width / 2., top + height + 24.], label, &small);
     }
 }
 

@@ -18,10 +18,8 @@ pub struct Case {
 #[must_use]
 pub fn cases(cases: &[Case], source: &Source) -> Figure {
     let mut sheet = Sheet::new("cases", "Best of K futures in straight driving and lane changes");
-    sheet.y += 10.;
     let k = cases.iter().map(|case| case.scene.modes.len()).max().unwrap_or(0);
-    path_legend(&mut sheet.svg, sheet.y, &format!("best of {k}"), "other futures");
-    sheet.y += 4.;
+    sheet.y = path_legend(&mut sheet.svg, sheet.y, &format!("best of {k}"), "other futures");
     for case in cases {
         let scene = &case.scene;
         let miss = match (scene.modes.get(scene.best()).and_then(|m| m.path.last()), scene.truth.last()) {

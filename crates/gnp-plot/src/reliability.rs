@@ -53,7 +53,7 @@ fn wilson(right: f64, n: f64) -> [f64; 2] {
 #[must_use]
 pub fn reliability(bins: &[ReliabilityBin], k: usize, windows: usize, source: &Source) -> Figure {
     let mut sheet = Sheet::new("reliability", "Reliability of mode probabilities");
-    let panel = Panel { place: [LEFT + 60., sheet.y + 8., 240., 240.], x: Axis::new(0., 1.), y: Axis::new(0., 1.) };
+    let panel = Panel { place: [LEFT + 21., sheet.y + 8., 240., 240.], x: Axis::new(0., 1.), y: Axis::new(0., 1.) };
     let right_label = format!("share nearest to the truth of {k}");
     panel.frame(&mut sheet.svg, "probability given to a mode", &right_label, true);
     let diagonal = format!("class=\"diagonal\" stroke=\"{INK}\" stroke-width=\"1\" stroke-dasharray=\"4 3\"");
@@ -72,7 +72,7 @@ pub fn reliability(bins: &[ReliabilityBin], k: usize, windows: usize, source: &S
     sheet.y += 8. + 240. + 30.;
     let most = bins.iter().map(|bin| bin.modes).max().unwrap_or(1).max(1) as f64;
     let counts =
-        Panel { place: [LEFT + 60., sheet.y + 4., 240., 56.], x: Axis::new(0., 1.), y: Axis::log(0.8, most * 1.5) };
+        Panel { place: [LEFT + 21., sheet.y + 4., 240., 56.], x: Axis::new(0., 1.), y: Axis::log(0.8, most * 1.5) };
     counts.frame(&mut sheet.svg, "probability given to a mode", "modes", true);
     for (i, bin) in bins.iter().enumerate().filter(|(_, bin)| bin.modes > 0) {
         let wide = 1. / bins.len() as f64;

@@ -3,13 +3,14 @@
 use gnp_data::LineKind;
 
 use crate::axes::{Axis, Panel};
+use crate::figure::{Legend, WIDTH};
 use crate::palette::{BEST, GOAL, GOAL_RIM, HISTORY, INK, OTHERS, ROAD, TARGET, TRUTH, VEHICLE};
 use crate::scene::Scene;
 use crate::svg::Svg;
 
 /// Left edge of a view, and its width.
 pub(crate) const LEFT: f64 = 48.;
-pub(crate) const SPAN: f64 = 362.;
+pub(crate) const SPAN: f64 = WIDTH - LEFT - 10.;
 /// Road shown to each side of what moves, m.
 const REACH: f64 = 8.;
 /// Highest view, user units.
@@ -188,17 +189,18 @@ pub(crate) fn arrow(svg: &mut Svg, class: &str, at: [f64; 2], vector: [f64; 2], 
     svg.end();
 }
 
-/// Samples of what the lines mean, in a row.
-pub(crate) fn path_legend(svg: &mut Svg, y: f64, first: &str, others: &str) {
+/// Samples of what the lines mean, below `y`; returns where the next thing may be drawn.
+pub(crate) fn path_legend(svg: &mut Svg, y: f64, first: &str, others: &str) -> f64 {
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
-    let mut x = 10.;
+    let mut legend = Legend::under(y);
     let mut entry = |svg: &mut Svg, style: &str, words: &str| {
+        let [x, y] = legend.place(22., words);
         svg.line([x, y - 3.], [x + 18., y - 3.], style);
         svg.text([x + 22., y], words, &small);
-        x += 22. + 5.3 * words.chars().count() as f64 + 12.;
     };
     entry(svg, &format!("stroke=\"{HISTORY}\" stroke-width=\"2\""), "observed");
     entry(svg, &format!("stroke=\"{BEST}\" stroke-width=\"2.4\""), first);
     entry(svg, &format!("stroke=\"{OTHERS}\" stroke-width=\"1.3\""), others);
     entry(svg, &format!("stroke=\"{TRUTH}\" stroke-width=\"1.3\" stroke-dasharray=\"3 2.4\""), "what happened");
+    legend.bottom()
 }

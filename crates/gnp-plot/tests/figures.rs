@@ -223,7 +223,7 @@ fn figures_are_whole_and_the_same_every_time() {
         assert_eq!(*figure, again);
         assert!(!figure.svg.contains("NaN") && !figure.svg.contains("inf"), "{}", figure.name);
         let elements = read(&figure.svg);
-        assert_eq!(elements[0].number("width"), 420.);
+        assert_eq!(elements[0].number("width"), 340.);
         for text in elements.iter().filter(|e| e.name == "text") {
             let size = text.attributes.get("font-size").map_or(10., |size| size.parse::<f64>().unwrap());
             assert!(size >= 8.5, "{}: {text:?}", figure.name);

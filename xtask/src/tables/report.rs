@@ -6,8 +6,11 @@ use std::path::Path;
 use anyhow::Result;
 use gnp_data::{Split, WindowSet};
 use gnp_eval::{Comparison, Score, TableHead, comparison_tables, csv, save_comparisons, tables};
+use gnp_plot::Source;
 use serde::Serialize;
 
+use crate::figures;
+use crate::figures::scores::Scored;
 use crate::modes::kinds;
 use crate::run_folder::{write, write_json};
 use crate::session::Session;
@@ -98,6 +101,17 @@ pub(crate) fn write_report(report: &Report<'_>, session: &Session, set: &WindowS
     write(&folder.join(format!("{}.csv", report.stem)), cells.as_bytes())?;
     write_json(&folder.join(format!("{}.json", report.stem)), &content)?;
     write(&folder.join(format!("{}.md", report.stem)), markdown.as_bytes())?;
+    let scored = Scored {
+        ours: report.ours,
+        systems: &content.systems,
+        scores: &scores,
+        differences: &differences,
+        source: Source {
+            words: format!("{}, test part", session.folder.state.data.words),
+            simulated: session.folder.state.data.simulated,
+        },
+    };
+    figures::scores::save(report.stem, &scored, folder)?;
     let place = folder.join(report.stem);
     terminal.note(&format!("table: {0}.md, {0}.csv, {0}.json", place.display()));
     Ok(())
