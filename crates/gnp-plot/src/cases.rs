@@ -4,6 +4,9 @@ use crate::figure::{Figure, Sheet, Source};
 use crate::road_view::{AXIS_SPACE, Paths, RoadView, path_legend};
 use crate::scene::Scene;
 
+/// Highest view, user units: six of them have to fit on a page.
+const HIGHEST: f64 = 88.;
+
 /// A case and what kind it is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
@@ -27,7 +30,7 @@ pub fn cases(cases: &[Case], source: &Source) -> Figure {
             _ => String::new(),
         };
         sheet.note(&format!("{}: {}{miss}", case.kind, scene.title));
-        let view = RoadView::fit(scene, sheet.y + 3.);
+        let view = RoadView::fit(scene, sheet.y + 3., HIGHEST);
         sheet.svg.group(&format!("class=\"case {}\"", case.kind));
         sheet.svg.clipped("cases", view.panel.place);
         view.road(&mut sheet.svg, scene);

@@ -1,6 +1,6 @@
 //! Many models by rows: a dot for each value with its interval, first row marked through all others.
 
-use crate::axes::{Axis, Panel, shown};
+use crate::axes::{Axis, Panel};
 use crate::figure::{Figure, Legend, Sheet, Source, WIDTH};
 use crate::palette::{BEST, GRID, INK, NEIGHBOURS};
 use crate::svg::Svg;
@@ -53,7 +53,7 @@ pub struct DotPanel {
     pub axis: String,
     /// Its scaling.
     pub scaling: DotScaling,
-    /// What the dots of a row stand for, such as `1 s`; written above the first row if there are several.
+    /// What the dots of a row stand for, such as `1`; written above the first row if there are several.
     pub columns: Vec<String>,
     /// Above the notes.
     pub notes: String,
@@ -163,5 +163,5 @@ fn axis_of(panel: &DotPanel) -> Axis {
 /// A value as a note: two decimals.
 #[must_use]
 pub fn dot_note(value: f64) -> String {
-    shown((value * 100.).round() / 100.)
+    format!("{value:.2}").replace('-', "\u{2212}")
 }

@@ -6,11 +6,12 @@ use crate::svg::Svg;
 /// Width of every figure, user units: in a column of 85 mm letters of 9 units have 6.4 points.
 pub(crate) const WIDTH: f64 = 340.;
 const FOOT: f64 = 20.;
-/// Letters of a line of small text, and of a title, at most.
-const LETTERS: usize = 62;
+/// Letters of a line at most: of small text, of bold small text, of a title.
+const LETTERS: usize = 68;
+const BOLD_LETTERS: usize = 60;
 const TITLE_LETTERS: usize = 42;
 /// Width of a small letter, user units, rather too large than too small.
-const LETTER: f64 = 5.4;
+const LETTER: f64 = 5.1;
 
 /// A finished figure.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -66,10 +67,10 @@ impl Sheet {
         let simulated = if source.simulated { "simulated data: " } else { "" };
         let words = source.words.replace("*simulated*", "simulated");
         let foot = format!("{simulated}{words}");
-        let weight = if source.simulated { "font-weight=\"bold\"" } else { "" };
+        let (weight, letters) = if source.simulated { ("font-weight=\"bold\"", BOLD_LETTERS) } else { ("", LETTERS) };
         self.svg.group("class=\"source\"");
         let mut height = self.y + FOOT;
-        for (i, line) in broken(&foot, LETTERS).iter().enumerate() {
+        for (i, line) in broken(&foot, letters).iter().enumerate() {
             let y = self.y + 13. + 11. * i as f64;
             self.svg.text([8., y], line, &format!("font-size=\"9\" fill=\"{INK}\" {weight}"));
             height = y + 7.;

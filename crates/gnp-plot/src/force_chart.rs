@@ -5,13 +5,15 @@ use gnp_data::{Explanation, StepForces};
 use crate::axes::{Axis, Panel, nice, shown};
 use crate::figure::{Figure, Legend, Sheet, Source};
 use crate::palette::{GOAL, GOAL_RIM, INK, LINES, NEIGHBOURS, TARGET, TOTAL};
-use crate::road_view::{AXIS_SPACE, LEFT, Paths, RoadView, SPAN, arrow, path_legend};
+use crate::road_view::{AXIS_SPACE, HIGHEST, LEFT, Paths, RoadView, SPAN, arrow, path_legend};
 use crate::scene::Scene;
 use crate::svg::Svg;
 
 /// Longest arrow, user units.
 const LONGEST: f64 = 34.;
 const CHART: f64 = 62.;
+/// Space between the two charts, for the labels of the second.
+const BETWEEN: f64 = 54.;
 
 /// Scenes under each other: road, vehicles, all paths, and along the likeliest one the forces as
 /// arrows, `every_s` apart, each from where the vehicle then is. Below each scene the forces of every
@@ -26,7 +28,7 @@ pub fn force_scenes(name: &str, title: &str, scenes: &[Scene], every_s: f64, sou
     sheet.y = arrow_legend(&mut sheet.svg, sheet.y, scale, largest);
     for scene in scenes {
         sheet.note(&scene.title);
-        let view = RoadView::fit(scene, sheet.y + 3.);
+        let view = RoadView::fit(scene, sheet.y + 3., HIGHEST);
         sheet.svg.group("class=\"scene\"");
         sheet.svg.clipped(name, view.panel.place);
         view.road(&mut sheet.svg, scene);
@@ -115,13 +117,13 @@ fn arrow_legend(svg: &mut Svg, y: f64, scale: f64, largest: f64) -> f64 {
 fn over_time(svg: &mut Svg, explanation: &Explanation, dt: f64, top: f64) {
     let steps = &explanation.steps;
     let end = steps.len() as f64 * dt;
-    let width = (SPAN - 44.) / 2.;
+    let width = (SPAN - BETWEEN) / 2.;
     for (i, (axis, label)) in [(0, "forward (m/s\u{b2})"), (1, "left (m/s\u{b2})")].into_iter().enumerate() {
         let values = steps.iter().flat_map(parts).map(|f| f64::from(f[axis])).filter(|v| v.is_finite());
         let totals = steps.iter().map(|s| f64::from(s.goal[axis] + s.neighbours[axis] + s.lines[axis]));
         let (low, high) = values.chain(totals).fold((-0.1f64, 0.1f64), |(l, h), v| (l.min(v), h.max(v)));
         let margin = (high - low) * 0.08;
-        let place = [LEFT + i as f64 * (width + 44.), top, width, CHART];
+        let place = [LEFT + i as f64 * (width + BETWEEN), top, width, CHART];
         let panel = Panel { place, x: Axis::new(0., end), y: Axis::new(low - margin, high + margin) };
         panel.frame(svg, "time ahead (s)", label, true);
         let curve = |pick: fn(&StepForces) -> [f32; 2]| -> Vec<[f64; 2]> {

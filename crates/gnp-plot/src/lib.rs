@@ -35,7 +35,7 @@ pub use crate::figure::{Figure, Source};
 pub use crate::force_chart::force_scenes;
 pub use crate::intention::{Intentions, intentions};
 pub use crate::png::{PaintError, Painter};
-pub use crate::reliability::{ReliabilityBin, reliability, reliability_bins};
+pub use crate::reliability::{GivenMode, ReliabilityBin, reliability, reliability_bins};
 pub use crate::report::{
     PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedVehicle, Report, ReportTable,
 };

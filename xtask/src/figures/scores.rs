@@ -32,21 +32,21 @@ const LIKELIEST: Quantity = Quantity {
     protocol: Protocol::Literature,
     metric: "rmse_at",
     k: 1,
-    title: "Root mean square error of the likeliest future, protocol literature",
+    title: "RMSE of the likeliest future, protocol literature",
     axis: "RMSE, top-1 (m)",
 };
 const BEST_OF_6: Quantity = Quantity {
     protocol: Protocol::Clean,
     metric: "min_fde",
     k: 6,
-    title: "Mean error of the nearest of 6 futures, protocol clean (no future input)",
+    title: "Error of the nearest of 6 futures, protocol clean",
     axis: "error, best of 6 (m)",
 };
 const OVERLAP: Quantity = Quantity {
     protocol: Protocol::Clean,
     metric: "overlap",
     k: 1,
-    title: "Likeliest paths that overlap another vehicle's recorded box, protocol clean",
+    title: "Likeliest paths through another vehicle's recorded box, protocol clean",
     axis: "share of windows (1)",
 };
 
@@ -71,7 +71,7 @@ fn figures(stem: &str, scored: &Scored<'_>) -> Vec<Figure> {
             scored.scores.iter().filter(|score| score.site == *site && score.manoeuvre.is_none()).collect();
         let (name, title) = match stem {
             "table2" => ("ablation", "What the parts of GNP do"),
-            _ => ("error-by-horizon", "Error against horizon of all systems"),
+            _ => ("error-by-horizon", "Error against horizon"),
         };
         let (name, title) = match *site {
             _ if one => (name.to_owned(), title.to_owned()),
@@ -132,10 +132,13 @@ fn by_horizon(scored: &Scored<'_>, scores: &[&Score]) -> (Vec<DotPanel>, String)
             }
         });
         DotPanel {
-            title: quantity.title.to_owned(),
+            title: match (horizons.first(), horizons.last()) {
+                (Some(first), Some(last)) if first < last => format!("{}, at {first} to {last} s", quantity.title),
+                _ => quantity.title.to_owned(),
+            },
             axis: quantity.axis.to_owned(),
             scaling: DotScaling::Log,
-            columns: horizons.iter().map(|h| format!("{h} s")).collect(),
+            columns: horizons.iter().map(f64::to_string).collect(),
             notes: horizons.last().map_or_else(String::new, |h| format!("{h} s")),
             rows: rows.filter(|row| row.dots.iter().any(Option::is_some)).collect(),
         }
@@ -283,7 +286,7 @@ mod tests {
         let of_site: Vec<&Score> = scores.iter().collect();
         let (panels, _) = by_horizon(&scored, &of_site);
         assert_eq!(panels[0].rows.iter().map(|row| row.told).collect::<Vec<_>>(), [false, false, true]);
-        assert_eq!(panels[0].columns, ["1 s", "5 s"]);
+        assert_eq!(panels[0].columns, ["1", "5"]);
         assert_eq!(panels[0].rows[1].dots[1].unwrap().value, 7.5);
         // Under a protocol without future input there is no such row.
         assert_eq!(panels[1].rows.iter().map(|row| row.name.as_str()).collect::<Vec<_>>(), ["gnp", "other"]);
@@ -302,7 +305,7 @@ mod tests {
         let of_site: Vec<&Score> = scores.iter().collect();
         let (panels, _) = ablation(&scored, &of_site, "us-101");
         let row = &panels[0].rows[1];
-        assert_eq!((row.name.as_str(), row.note.as_str()), ("other", "7.5"));
+        assert_eq!((row.name.as_str(), row.note.as_str()), ("other", "7.50"));
         assert_eq!(row.dots[0], Some(Dot { value: 2.5, interval: Some([1., 3.]) }));
         assert_eq!(panels.iter().map(|panel| panel.rows.len()).collect::<Vec<_>>(), [3, 2, 2]);
         assert_eq!(figures("table2", &scored)[0].name, "ablation");
