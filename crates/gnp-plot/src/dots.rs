@@ -40,7 +40,8 @@ pub enum DotScaling {
     Log,
     /// From zero.
     FromZero,
-    /// Around zero, which is drawn: for differences.
+    /// Around zero, which is drawn: for differences. The axis is that of the rows that see the past alone; others may
+    /// lie beyond it.
     Difference,
 }
 
@@ -132,9 +133,15 @@ fn row_at(svg: &mut Svg, panel: &Panel, row: &DotRow, index: usize, y: f64) {
     for dot in row.dots.iter().flatten().filter(|dot| dot.value.is_finite()) {
         if let Some([low, high]) = dot.interval {
             let style = format!("class=\"interval\" stroke=\"{colour}\" stroke-width=\"1.6\" stroke-opacity=\"0.55\"");
-            svg.line([panel.at(low, 0.)[0], y], [panel.at(high, 0.)[0], y], &style);
+            let end = |value: f64| panel.at(value, 0.)[0].clamp(left, left + width);
+            svg.line([end(low), y], [end(high), y], &style);
         }
-        marker(svg, [panel.at(dot.value, 0.)[0], y], row.told, colour);
+        let [from, to] = panel.x.data;
+        match dot.value {
+            value if value < from => beyond(svg, [left, y], -1., colour),
+            value if value > to => beyond(svg, [left + width, y], 1., colour),
+            value => marker(svg, [panel.at(value, 0.)[0], y], row.told, colour),
+        }
     }
     svg.end();
 }
@@ -144,8 +151,16 @@ fn marker(svg: &mut Svg, at: [f64; 2], told: bool, colour: &str) {
     svg.circle(at, 2.6, &format!("class=\"dot\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.2\""));
 }
 
+/// A triangle at the end of the axis: the value lies farther out.
+fn beyond(svg: &mut Svg, [x, y]: [f64; 2], way: f64, colour: &str) {
+    let triangle = [[x, y], [x - way * 6., y - 3.2], [x - way * 6., y + 3.2]];
+    svg.area(&triangle, &format!("class=\"beyond\" fill=\"#fff\" stroke=\"{colour}\" stroke-width=\"1.2\""));
+}
+
 fn axis_of(panel: &DotPanel) -> Axis {
-    let dots = || panel.rows.iter().flat_map(|row| row.dots.iter().flatten());
+    // Differences of what is handed the future are so large that they would hide all others.
+    let counts = |row: &&DotRow| !(row.told && panel.scaling == DotScaling::Difference);
+    let dots = || panel.rows.iter().filter(counts).flat_map(|row| row.dots.iter().flatten());
     let ends = || dots().flat_map(|dot| dot.interval.into_iter().flatten().chain([dot.value]));
     let range = ends().filter(|v| v.is_finite());
     let [low, high] = range.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);

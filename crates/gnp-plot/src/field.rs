@@ -101,7 +101,7 @@ pub fn potential_field(scene: &Scene, potential: &Potential, source: &Source) ->
             (at[0] - x).hypot(at[1] - y) < 0.1
         });
         let (class, fill) = if pushes { ("neighbour", NEIGHBOURS) } else { ("bystander", "#fff") };
-        let style = format!("class=\"vehicle {class}\" fill=\"{fill}\" stroke=\"#fff\" stroke-width=\"0.8\"");
+        let style = format!("class=\"vehicle {class}\" fill=\"{fill}\" stroke=\"#000\" stroke-width=\"0.8\"");
         view.vehicle(&mut sheet.svg, other.now.centre, other.now.size, &style);
     }
     view.vehicle(&mut sheet.svg, [0., 0.], scene.size, &format!("class=\"target\" fill=\"{TARGET}\" stroke=\"#000\""));

@@ -56,7 +56,7 @@ impl RoadView {
     /// A view of `x` by `y`, m.
     pub(crate) fn over(x: [f64; 2], y: [f64; 2], top: f64, highest: f64) -> Self {
         let unit = SPAN / (x[1] - x[0]);
-        let stretch = (highest / (unit * (y[1] - y[0]))).floor().clamp(1., 10.);
+        let stretch = ((highest / (unit * (y[1] - y[0])) * 2.).floor() / 2.).clamp(1., 10.);
         let height = unit * stretch * (y[1] - y[0]);
         let place = [LEFT, top, SPAN, height];
         Self { panel: Panel { place, x: Axis::new(x[0], x[1]), y: Axis::new(y[0], y[1]) }, stretch }

@@ -103,7 +103,11 @@ fn rows_of_dots() -> Vec<DotPanel> {
     let errors =
         vec![first, row("constant acceleration", false, &[dot(2.), None]), row("told", true, &[dot(3.), None])];
     let at = |value| Some(Dot { value, interval: None });
-    let differences = vec![row("gnp", false, &[at(0.)]), row("a quarter of the modes", false, &[at(0.5)])];
+    let differences = vec![
+        row("gnp", false, &[at(0.)]),
+        row("a quarter of the modes", false, &[at(0.5)]),
+        row("true goal", true, &[at(-9.)]),
+    ];
     vec![panel(DotScaling::Log, &["1", "5"], errors), panel(DotScaling::Difference, &[], differences)]
 }
 
@@ -212,7 +216,10 @@ fn a_stretched_axis_says_so() {
     let stretch = -map.per_m[1] / map.per_m[0];
     let label = elements.iter().find(|e| e.text.contains("stretched")).expect("the label");
     assert!(stretch > 1.5);
-    assert_eq!(label.text, format!("forward of the vehicle (m); lateral axis stretched \u{d7}{stretch:.0}"));
+    assert_eq!(
+        label.text,
+        format!("forward of the vehicle (m); lateral axis stretched \u{d7}{}", (stretch * 2.).round() / 2.)
+    );
     let target = of(&elements, "rect", "target")[0];
     assert!((target.number("width") / map.per_m[0] - 4.5).abs() < 0.02);
     assert!((target.number("height") / -map.per_m[1] - 1.8).abs() < 0.02);
@@ -304,6 +311,9 @@ fn rows_of_dots_stand_at_their_values() {
     // The second panel shows differences: zero is drawn, and what is worse lies right of it.
     let zero = of(&elements, "line", "zero")[0].number("x1");
     assert!((x(4) - zero).abs() < 0.01 && x(5) > zero + 5.);
+    // What is handed the future does not set the axis: it lies beyond, on the better side.
+    let beyond = of(&elements, "path", "beyond")[0];
+    assert!(beyond.is("told") && beyond.points()[0][0] < zero);
 }
 
 #[test]

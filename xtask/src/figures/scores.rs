@@ -28,26 +28,32 @@ struct Quantity {
     axis: &'static str,
 }
 
+impl Quantity {
+    fn title(self, at: &str) -> String {
+        format!("{}, {at}, protocol {}", self.title, self.protocol.name())
+    }
+}
+
 const LIKELIEST: Quantity = Quantity {
     protocol: Protocol::Literature,
     metric: "rmse_at",
     k: 1,
-    title: "RMSE of the likeliest future, protocol literature",
+    title: "RMSE of the likeliest future",
     axis: "RMSE, top-1 (m)",
 };
 const BEST_OF_6: Quantity = Quantity {
     protocol: Protocol::Clean,
     metric: "min_fde",
     k: 6,
-    title: "Error of the nearest of 6 futures, protocol clean",
+    title: "Error of the nearest of 6 futures",
     axis: "error, best of 6 (m)",
 };
 const OVERLAP: Quantity = Quantity {
     protocol: Protocol::Clean,
     metric: "overlap",
     k: 1,
-    title: "Likeliest paths through another vehicle's recorded box, protocol clean",
-    axis: "share of windows (1)",
+    title: "Likeliest path through another's recorded box",
+    axis: "windows (%)",
 };
 
 /// Draws the figures of `table1` or `table2` into its folder: one a site, and one of all sites together.
@@ -103,6 +109,10 @@ fn dot(score: &Score) -> Dot {
     Dot { value: score.value, interval: score.ci_low.zip(score.ci_high).map(|(low, high)| [low, high]) }
 }
 
+fn percent(dot: Dot) -> Dot {
+    Dot { value: 100. * dot.value, interval: dot.interval.map(|ends| ends.map(|end| 100. * end)) }
+}
+
 fn told(scored: &Scored<'_>, system: &str) -> bool {
     scored.scores.iter().any(|score| score.model == system && score.future_input)
 }
@@ -133,8 +143,8 @@ fn by_horizon(scored: &Scored<'_>, scores: &[&Score]) -> (Vec<DotPanel>, String)
         });
         DotPanel {
             title: match (horizons.first(), horizons.last()) {
-                (Some(first), Some(last)) if first < last => format!("{}, at {first} to {last} s", quantity.title),
-                _ => quantity.title.to_owned(),
+                (Some(first), Some(last)) if first < last => quantity.title(&format!("{first} to {last} s")),
+                _ => quantity.title(&horizons.first().map_or_else(String::new, |h| format!("{h} s"))),
             },
             axis: quantity.axis.to_owned(),
             scaling: DotScaling::Log,
@@ -176,7 +186,7 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
             note: dot_note(score.value),
         });
         DotPanel {
-            title: format!("{} at {last} s", quantity.title),
+            title: quantity.title(&format!("{last} s")),
             axis: format!("difference to the full model, {}", quantity.axis),
             scaling: DotScaling::Difference,
             columns: Vec::new(),
@@ -191,23 +201,23 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
             Some(DotRow {
                 name: (*system).to_owned(),
                 told: told(scored, system),
-                dots: vec![Some(dot(score))],
-                note: dot_note(score.value),
+                dots: vec![Some(percent(dot(score)))],
+                note: format!("{:.1}", 100. * score.value),
             })
         };
         DotPanel {
-            title: OVERLAP.title.to_owned(),
+            title: OVERLAP.title(&format!("{last} s")),
             axis: OVERLAP.axis.to_owned(),
             scaling: DotScaling::FromZero,
             columns: Vec::new(),
-            notes: "share".to_owned(),
+            notes: "%".to_owned(),
             rows: scored.systems.iter().filter_map(row).collect(),
         }
     };
     let caption = "Each row changes one thing in the full model. Above, how much larger the error becomes, with the 95 % \
                    interval of that difference from a bootstrap over vehicles, both models on the same draws: right of \
-                   zero the part helps. Numbers on the right are the values themselves. Hollow: handed recorded futures; \
-                   such rows have no place under protocol clean.";
+                   zero the part helps. Numbers on the right are the values themselves. Hollow: handed recorded futures, \
+                   a triangle where the value lies beyond the axis; such rows have no place under protocol clean.";
     let panels = [against(LIKELIEST), against(BEST_OF_6), overlap()];
     (panels.into_iter().filter(|panel| !panel.rows.is_empty()).collect(), caption.to_owned())
 }
