@@ -20,7 +20,6 @@ use crate::run_folder::{RunFolder, Stage, write};
 use crate::session::{Machine, Session};
 use crate::source;
 use crate::stop;
-use crate::terminal::wrapped;
 
 /// Most windows that are forecast for the figures; of more, every n-th is taken.
 const MOST: usize = 4000;
@@ -54,7 +53,7 @@ pub(crate) fn run(args: &FigureArgs) -> Result<()> {
     let figures = draw(&session, args.data_dir.as_ref())?;
     save(&figures, &out)?;
     for figure in &figures {
-        session.terminal().result(&wrapped(&format!("{}: {}", figure.name, figure.caption)));
+        session.terminal().result(&format!("{}: {}", figure.name, figure.caption));
     }
     session.terminal().note(&format!("{} figures, each as SVG and PNG: {}", figures.len(), out.display()));
     Ok(())
