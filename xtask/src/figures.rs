@@ -8,16 +8,16 @@ pub(crate) mod traffic;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, anyhow, bail};
+use anyhow::{Context as _, Result, anyhow};
 use gnp_data::{Forecast, Predictor as _, Recording, Split, Window, WindowId, WindowSet};
 use gnp_model::{Gnp, NeighbourFuture};
 use gnp_plot::{Figure, Painter, Source};
 
 use crate::cli::FigureArgs;
-use crate::config::RunConfig;
 use crate::ingest;
-use crate::run_folder::{RunFolder, Stage, write};
-use crate::session::{Machine, Session};
+use crate::report;
+use crate::run_folder::write;
+use crate::session::Session;
 use crate::source;
 use crate::stop;
 
@@ -43,12 +43,7 @@ struct Material<'a> {
 /// # Errors
 /// When the run is not finished, other recordings are not of its kind, or a file cannot be written.
 pub(crate) fn run(args: &FigureArgs) -> Result<()> {
-    let folder = RunFolder::open(&args.run)?;
-    if !folder.has(Stage::Evaluate) {
-        bail!("{} is not finished; run `cargo xtask pipeline --resume --out {0}` first", args.run.display());
-    }
-    let config = RunConfig::read(&folder.path("config.toml"), &[])?;
-    let session = Session::new(folder, config, Machine::start(&args.machine)?);
+    let session = report::open(&args.run, &args.machine)?;
     let out = args.out.clone().unwrap_or_else(|| session.folder.path("figures"));
     let figures = draw(&session, args.data_dir.as_ref())?;
     save(&figures, &out)?;

@@ -76,8 +76,8 @@ fn figures(stem: &str, scored: &Scored<'_>) -> Vec<Figure> {
         let scores: Vec<&Score> =
             scored.scores.iter().filter(|score| score.site == *site && score.manoeuvre.is_none()).collect();
         let (name, title) = match stem {
-            "table2" => ("ablation", "What the parts of GNP do"),
-            _ => ("error-by-horizon", "Error against horizon"),
+            "table2" => ("table2-ablation", "What the parts of GNP do"),
+            _ => ("table1-error-by-horizon", "Error against horizon"),
         };
         let (name, title) = match *site {
             _ if one => (name.to_owned(), title.to_owned()),
@@ -301,7 +301,7 @@ mod tests {
         // Under a protocol without future input there is no such row.
         assert_eq!(panels[1].rows.iter().map(|row| row.name.as_str()).collect::<Vec<_>>(), ["gnp", "other"]);
         let figures = figures("table1", &scored);
-        assert_eq!(figures[0].name, "error-by-horizon");
+        assert_eq!(figures[0].name, "table1-error-by-horizon");
         assert!(figures[0].svg.contains("future input") && figures[0].caption.contains("85 windows of 80 vehicles"));
     }
 
@@ -318,6 +318,6 @@ mod tests {
         assert_eq!((row.name.as_str(), row.note.as_str()), ("other", "7.50"));
         assert_eq!(row.dots[0], Some(Dot { value: 2.5, interval: Some([1., 3.]) }));
         assert_eq!(panels.iter().map(|panel| panel.rows.len()).collect::<Vec<_>>(), [3, 2, 2]);
-        assert_eq!(figures("table2", &scored)[0].name, "ablation");
+        assert_eq!(figures("table2", &scored)[0].name, "table2-ablation");
     }
 }
