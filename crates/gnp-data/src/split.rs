@@ -13,6 +13,8 @@ mod assign;
 mod check;
 mod saved;
 
+use assign::Dealing;
+
 /// What is kept in one part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -87,13 +89,21 @@ pub struct SplitConfig {
     pub test: f64,
     /// Seed of every draw.
     pub seed: u64,
+    /// Number of folds of a cross-validation; 1 parts the windows once, by the shares. With more,
+    /// what is kept in one part is dealt into so many folds of like size, of which one is the test
+    /// part; training and validation divide the others in the proportion of their shares. Over all
+    /// folds each window is tested once.
+    pub folds: usize,
+    /// Which fold is the test part, from 1.
+    pub fold: usize,
 }
 
 impl SplitConfig {
-    /// Checks the shares.
+    /// Checks shares and folds.
     ///
     /// # Errors
-    /// When a share is not above 0, or they do not sum to 1.
+    /// When a share is not above 0, or they do not sum to 1; when the fold is not one of the folds,
+    /// or there are several of a kind that cannot be dealt into folds (`time`).
     pub fn check(&self) -> Result<(), DataError> {
         let shares = [("train", self.train), ("validation", self.validation), ("test", self.test)];
         for (key, value) in shares {
@@ -107,6 +117,15 @@ impl SplitConfig {
             let problem = format!("train, validation and test sum to {sum}; make them sum to 1");
             return Err(DataError::BadValue { key: "train", value: self.train.to_string(), problem });
         }
+        if !(1..=self.folds).contains(&self.fold) {
+            let problem = format!("there are {} folds, counted from 1; give one of them", self.folds);
+            return Err(DataError::BadValue { key: "fold", value: self.fold.to_string(), problem });
+        }
+        let mut kinds = self.sites.values().chain([&self.kind]);
+        if self.folds > 1 && kinds.any(|kind| *kind == SplitKind::Time) {
+            let problem = "blocks of time are not dealt into folds; give 1, or another kind of split".to_owned();
+            return Err(DataError::BadValue { key: "folds", value: self.folds.to_string(), problem });
+        }
         Ok(())
     }
 
@@ -115,8 +134,15 @@ impl SplitConfig {
         self.sites.get(site).copied().unwrap_or(self.kind)
     }
 
-    fn shares(&self) -> [f64; 3] {
-        [self.train, self.validation, self.test]
+    /// How things are dealt out.
+    fn dealing(&self) -> Dealing {
+        if self.folds <= 1 {
+            return Dealing { shares: [self.train, self.validation, self.test], folds: 1, fold: 0 };
+        }
+        let test = 1. / self.folds as f64;
+        let scale = (1. - test) / (self.train + self.validation);
+        let shares = [self.train * scale, self.validation * scale, test];
+        Dealing { shares, folds: self.folds, fold: self.fold - 1 }
     }
 }
 
@@ -169,7 +195,7 @@ impl Split {
         let mut straddling = BTreeMap::new();
         for kind in BTreeSet::from_iter(kinds.values().copied()) {
             let ids = set.ids().iter().copied().filter(|id| kind_of(set, *id, &kinds) == Some(kind)).collect();
-            let assigned = assign::assign(set, ids, kind, &groups, config.shares(), config.seed);
+            let assigned = assign::assign(set, ids, kind, &groups, config.dealing(), config.seed);
             for (name, dropped) in assigned.straddling {
                 straddling.insert(name, dropped);
             }

@@ -18,7 +18,7 @@ fn embedded(folder: &str, dataset: Dataset) -> Vec<Recording> {
 }
 
 fn split_config(kind: SplitKind, sites: BTreeMap<String, SplitKind>) -> SplitConfig {
-    SplitConfig { kind, sites, train: 0.7, validation: 0.1, test: 0.2, seed: 1 }
+    SplitConfig { kind, sites, train: 0.7, validation: 0.1, test: 0.2, seed: 1, folds: 1, fold: 1 }
 }
 
 #[test]

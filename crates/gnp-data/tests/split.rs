@@ -8,7 +8,7 @@ use gnp_data::{DataError, Overlap, Part, Recording, Split, SplitConfig, SplitKin
 use scene::{recording, short_windows};
 
 fn config(kind: SplitKind, seed: u64) -> SplitConfig {
-    SplitConfig { kind, sites: BTreeMap::new(), train: 0.7, validation: 0.1, test: 0.2, seed }
+    SplitConfig { kind, sites: BTreeMap::new(), train: 0.7, validation: 0.1, test: 0.2, seed, folds: 1, fold: 1 }
 }
 
 /// Seventeen recordings of unequal size; every third vehicle has two stretches.
@@ -268,11 +268,37 @@ fn shares_that_cannot_be_are_refused() {
         (SplitConfig { validation: 0., test: 0.3, ..good.clone() }, "validation"),
         (SplitConfig { test: f64::NAN, ..good.clone() }, "test"),
         (SplitConfig { train: -0.7, ..good.clone() }, "train"),
+        (SplitConfig { folds: 3, fold: 4, ..good.clone() }, "fold"),
+        (SplitConfig { fold: 0, ..good.clone() }, "fold"),
+        (SplitConfig { kind: SplitKind::Time, folds: 3, ..good.clone() }, "folds"),
     ] {
         let error = bad.check().unwrap_err().to_string();
         assert!(error.contains(key), "{error}");
     }
     good.check().unwrap();
+}
+
+#[test]
+fn over_the_folds_each_window_is_tested_once_and_overlapping_scenes_stay_together() {
+    let mut recordings = scenes("s");
+    recordings.push(long("t-0", "t", 12));
+    let overlaps = [overlap(2, 9), overlap(9, 14)];
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let sites = BTreeMap::from([("t".to_owned(), SplitKind::Vehicle)]);
+    let mut tested = Vec::new();
+    for fold in 1..=3 {
+        let config = SplitConfig { sites: sites.clone(), folds: 3, fold, ..config(SplitKind::Recording, 3) };
+        let split = Split::new(&set, &config, &overlaps).unwrap();
+        assert_eq!(all(&split).len(), set.len());
+        let group = split.test().iter().filter(|id| [2, 9, 14].contains(&id.recording)).count();
+        let whole = set.ids().iter().filter(|id| [2, 9, 14].contains(&id.recording)).count();
+        assert!(group == 0 || group == whole, "{group} of {whole}");
+        tested.extend_from_slice(split.test());
+    }
+    tested.sort_unstable();
+    let mut every = set.ids().to_vec();
+    every.sort_unstable();
+    assert_eq!(tested, every);
 }
 
 /// Recordings `s-first` and `s-second` show the same vehicles.

@@ -17,13 +17,43 @@ pub(super) struct Assigned {
     pub(super) straddling: BTreeMap<String, usize>,
 }
 
+/// How things are dealt out to the parts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Dealing {
+    /// Share of each part; with folds, that of the test part is one by their number.
+    pub(super) shares: [f64; 3],
+    /// Number of folds; 1 is a single split.
+    pub(super) folds: usize,
+    /// The fold that is tested, from 0.
+    pub(super) fold: usize,
+}
+
+impl Dealing {
+    /// The part of a place between 0 and 1 when the folds lie end to end. The tested fold is
+    /// compared as a whole number, so that over all folds each place is tested exactly once.
+    fn part_at(self, place: f64) -> Part {
+        if self.folds == 1 {
+            return part_at(place, self.shares);
+        }
+        let at = place * self.folds as f64;
+        let own = (at as usize).min(self.folds - 1);
+        let after = (own + self.folds - self.fold - 1) % self.folds;
+        if after == self.folds - 1 {
+            return Part::Test;
+        }
+        // Of what is not tested, in order from the tested fold on.
+        let place = (after as f64 + at.fract()) / (self.folds - 1) as f64;
+        if place < self.shares[0] / (self.shares[0] + self.shares[1]) { Part::Train } else { Part::Validation }
+    }
+}
+
 /// Parts the windows `ids` of `set`, all of one kind. Recordings with equal `groups` belong together.
 pub(super) fn assign(
     set: &WindowSet<'_>,
     ids: Vec<WindowId>,
     kind: SplitKind,
     groups: &[usize],
-    shares: [f64; 3],
+    dealing: Dealing,
     seed: u64,
 ) -> Assigned {
     let mut assigned = Assigned { parts: Default::default(), straddling: BTreeMap::new() };
@@ -44,7 +74,7 @@ pub(super) fn assign(
         let vehicles =
             |ids: &Vec<WindowId>| ids.iter().map(|id| (id.recording, id.track)).collect::<BTreeSet<_>>().len();
         let sizes: Vec<usize> = by_name.values().map(vehicles).collect();
-        let parts = whole_groups(&sizes, shares, &mut rng(seed, "recordings"));
+        let parts = whole_groups(&sizes, dealing, &mut rng(seed, "recordings"));
         for (part, ids) in parts.into_iter().zip(by_name.into_values()) {
             assigned.parts[part as usize].extend(ids);
         }
@@ -58,17 +88,17 @@ pub(super) fn assign(
                     let tracks = set.recordings()[id.recording as usize].tracks();
                     of_vehicle.entry(tracks[id.track as usize].vehicle).or_default().push(id);
                 }
-                let parts = drawn(of_vehicle.len(), shares, &mut rng(seed, name));
+                let parts = drawn(of_vehicle.len(), dealing, &mut rng(seed, name));
                 for (part, ids) in parts.into_iter().zip(of_vehicle.into_values()) {
                     assigned.parts[part as usize].extend(ids);
                 }
             }
             SplitKind::Time => {
-                let straddling = assign_by_time(set, &ids, shares, &mut assigned.parts);
+                let straddling = assign_by_time(set, &ids, dealing.shares, &mut assigned.parts);
                 assigned.straddling.insert(name.to_owned(), straddling);
             }
             SplitKind::Window | SplitKind::Recording => {
-                let parts = drawn(ids.len(), shares, &mut rng(seed, name));
+                let parts = drawn(ids.len(), dealing, &mut rng(seed, name));
                 for (part, id) in parts.into_iter().zip(ids) {
                     assigned.parts[part as usize].push(id);
                 }
@@ -86,13 +116,13 @@ fn rng(seed: u64, name: &str) -> ChaCha8Rng {
 
 /// A part for each of `count` things, drawn without replacement: the shares hold to within one thing,
 /// and on average exactly, also where `count` is small.
-fn drawn(count: usize, shares: [f64; 3], rng: &mut ChaCha8Rng) -> Vec<Part> {
+fn drawn(count: usize, dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<Part> {
     let mut order: Vec<usize> = (0..count).collect();
     order.shuffle(rng);
     let phase: f64 = rng.random();
     let mut parts = vec![Part::Train; count];
     for (place, thing) in order.into_iter().enumerate() {
-        parts[thing] = part_at((place as f64 + phase) / count as f64, shares);
+        parts[thing] = dealing.part_at((place as f64 + phase) / count as f64);
     }
     parts
 }
@@ -113,41 +143,61 @@ const DEALS: usize = 64;
 
 /// A part for each group of windows, whole, so that each part gets a group if there are three.
 ///
+/// Folds are dealt first, the same whichever is tested; what is not tested is dealt out once more.
+fn whole_groups(sizes: &[usize], dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<Part> {
+    let Dealing { shares: [train, validation, test], folds, fold } = dealing;
+    let part = |of: usize| Part::ALL[of];
+    if folds == 1 {
+        return best_deal(sizes, &[train, validation, test], rng).into_iter().map(part).collect();
+    }
+    let folds = best_deal(sizes, &vec![test; folds], rng);
+    let (rest, others): (Vec<usize>, Vec<usize>) =
+        sizes.iter().copied().enumerate().filter(|(group, _)| folds[*group] != fold).unzip();
+    let mut parts = vec![Part::Test; sizes.len()];
+    for (group, of) in rest.into_iter().zip(best_deal(&others, &[train, validation], rng)) {
+        parts[group] = part(of);
+    }
+    parts
+}
+
+/// A receiver for each group, each with about its share of the whole, none empty if it can be.
+///
 /// Groups may differ much in size, so that one deal can miss the shares by far: of several, all
 /// drawn, the one with the smallest sum of (vehicles - due)² / due is taken, the first of equals.
-fn whole_groups(sizes: &[usize], shares: [f64; 3], rng: &mut ChaCha8Rng) -> Vec<Part> {
-    let total: usize = sizes.iter().sum();
-    let due = shares.map(|share| share * total as f64);
+fn best_deal(sizes: &[usize], shares: &[f64], rng: &mut ChaCha8Rng) -> Vec<usize> {
+    let total = sizes.iter().sum::<usize>() as f64 / shares.iter().sum::<f64>();
+    let due: Vec<f64> = shares.iter().map(|share| share * total).collect();
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     let mut best = (f64::INFINITY, Vec::new());
     for _ in 0..DEALS {
         order.shuffle(rng);
-        let (parts, lacking) = deal(sizes, &order, due);
-        let miss: f64 = lacking.iter().zip(due).map(|(lacking, due)| lacking * lacking / due).sum();
+        let (receivers, lacking) = deal(sizes, &order, &due);
+        let miss: f64 = lacking.iter().zip(&due).map(|(lacking, due)| lacking * lacking / due).sum();
         if miss < best.0 {
-            best = (miss, parts);
+            best = (miss, receivers);
         }
     }
     best.1
 }
 
-/// Deals groups out in an order, each to the part that lacks the largest share of its due; the last
-/// ones go to parts that are still empty. Returns the parts, and the vehicles each part lacks in the end.
-fn deal(sizes: &[usize], order: &[usize], due: [f64; 3]) -> (Vec<Part>, [f64; 3]) {
-    let mut lacking = due;
-    let mut empty = [true; 3];
-    let mut parts = vec![Part::Train; sizes.len()];
+/// Deals groups out in an order, each to the receiver that lacks the largest share of its due; the
+/// last ones go to receivers that are still empty. Returns the receivers, and the vehicles that each
+/// lacks in the end.
+fn deal(sizes: &[usize], order: &[usize], due: &[f64]) -> (Vec<usize>, Vec<f64>) {
+    let mut lacking = due.to_vec();
+    let mut empty = vec![true; due.len()];
+    let mut receivers = vec![0; sizes.len()];
     for (place, group) in order.iter().enumerate() {
         let left = sizes.len() - place;
         let must_fill = left <= empty.iter().filter(|empty| **empty).count();
-        let open = Part::ALL.into_iter().filter(|part| !must_fill || empty[*part as usize]);
-        let share = |part: &Part| lacking[*part as usize] / due[*part as usize];
-        let part = open.max_by(|a, b| share(a).total_cmp(&share(b))).unwrap_or(Part::Train);
-        lacking[part as usize] -= sizes[*group] as f64;
-        empty[part as usize] = false;
-        parts[*group] = part;
+        let open = (0..due.len()).filter(|receiver| !must_fill || empty[*receiver]);
+        let share = |receiver: &usize| lacking[*receiver] / due[*receiver];
+        let receiver = open.max_by(|a, b| share(a).total_cmp(&share(b))).unwrap_or(0);
+        lacking[receiver] -= sizes[*group] as f64;
+        empty[receiver] = false;
+        receivers[*group] = receiver;
     }
-    (parts, lacking)
+    (receivers, lacking)
 }
 
 /// Parts windows of one recording by stretches of its frames; returns how many lie in two.
@@ -171,11 +221,43 @@ fn assign_by_time(set: &WindowSet<'_>, ids: &[WindowId], shares: [f64; 3], parts
 mod tests {
     use super::*;
 
+    const ONCE: Dealing = Dealing { shares: [0.7, 0.1, 0.2], folds: 1, fold: 0 };
+
+    fn thirds(fold: usize) -> Dealing {
+        Dealing { shares: [0.5, 1. / 6., 1. / 3.], folds: 3, fold }
+    }
+
+    /// Each thing is tested in one fold; the rest trains and validates three to one.
+    fn holds_for_folds(sizes: &[usize], deal: impl Fn(usize) -> Vec<Part>, off: f64) {
+        let total = sizes.iter().sum::<usize>() as f64;
+        let folds: Vec<Vec<Part>> = (0..3).map(deal).collect();
+        for thing in 0..sizes.len() {
+            assert_eq!(folds.iter().filter(|parts| parts[thing] == Part::Test).count(), 1, "{thing}: {folds:?}");
+        }
+        for parts in &folds {
+            let of = |part| parts.iter().zip(sizes).filter(|(p, _)| **p == part).map(|(_, size)| size).sum::<usize>();
+            for (part, share) in [(Part::Train, 0.5), (Part::Validation, 1. / 6.), (Part::Test, 1. / 3.)] {
+                assert!((of(part) as f64 - share * total).abs() <= off, "{part:?}: {}, {parts:?}", of(part));
+            }
+        }
+    }
+
+    #[test]
+    fn over_all_folds_each_group_and_each_thing_is_tested_once() {
+        let sizes = [30, 11, 86, 25, 14, 40, 20, 33, 17, 9];
+        for seed in 0..20 {
+            let deal = |fold| whole_groups(&sizes, thirds(fold), &mut ChaCha8Rng::seed_from_u64(seed));
+            holds_for_folds(&sizes, deal, 24.);
+            let deal = |fold| drawn(100, thirds(fold), &mut ChaCha8Rng::seed_from_u64(seed));
+            holds_for_folds(&[1; 100], deal, 2.);
+        }
+    }
+
     #[test]
     fn one_large_group_trains_and_the_rest_is_shared_out() {
         let sizes = [30, 11, 860, 25, 14, 40, 20];
         for seed in 0..20 {
-            let parts = whole_groups(&sizes, [0.7, 0.1, 0.2], &mut ChaCha8Rng::seed_from_u64(seed));
+            let parts = whole_groups(&sizes, ONCE, &mut ChaCha8Rng::seed_from_u64(seed));
             assert_eq!(parts[2], Part::Train, "seed {seed}: {parts:?}");
             let of = |part| parts.iter().zip(sizes).filter(|(p, _)| **p == part).map(|(_, size)| size).sum::<usize>();
             assert!((30..=60).contains(&of(Part::Validation)), "seed {seed}: {parts:?}");
@@ -186,7 +268,7 @@ mod tests {
     #[test]
     fn shares_of_drawn_things_hold_to_within_one() {
         for count in [1, 2, 3, 7, 10, 33, 100] {
-            let parts = drawn(count, [0.7, 0.1, 0.2], &mut ChaCha8Rng::seed_from_u64(9));
+            let parts = drawn(count, ONCE, &mut ChaCha8Rng::seed_from_u64(9));
             for (part, share) in Part::ALL.into_iter().zip([0.7, 0.1, 0.2]) {
                 let got = parts.iter().filter(|p| **p == part).count() as f64;
                 assert!((got - share * count as f64).abs() <= 1., "{count}: {parts:?}");
