@@ -93,14 +93,15 @@ Examples:
   cargo xtask table1 --dataset highd --data-dir D --out runs/table1-highd
   cargo xtask table1 --dataset ngsim --resume          go on; a finished model is not trained again
 
-Writes table1.md, table1.csv, table1.json and differences.json to --out [default: runs/table1-NAME].")]
+Writes table1.md, table1.csv, table1.json, differences.json and the figures table1-*.svg and .png to --out
+[default: runs/table1-NAME].")]
     Table1(TableArgs),
     /// Train and score the ablations of GNP: the paper's Table 2, ours.
     #[command(after_help = "\
 Example:
   cargo xtask table2 --dataset ngsim --resume")]
     Table2(TableArgs),
-    /// Draw the figures of a finished run, as SVG.
+    /// Draw the figures of a finished run, as SVG and PNG.
     #[command(after_help = "\
 Examples:
   cargo xtask figures --run runs/ngsim
@@ -113,6 +114,13 @@ Example:
 
 One file that needs no network: open runs/ngsim/report.html in a browser.")]
     Report(ReportArgs),
+    /// Redraw the pictures of docs/gallery.md and README from a run and tables that are there.
+    #[command(after_help = "\
+Example:
+  cargo xtask gallery --run runs/ngsim --table1 runs/table1-ngsim --table2 runs/table2-ngsim
+
+Writes report.html of the run as well. Pictures of the report need Chromium; without it they stay.")]
+    Gallery(GalleryArgs),
     /// Measure speed: ours and the floor; with a flag ratios that gate, a whole frame, or PyTorch and JAX beside it.
     #[command(after_help = "\
 Examples:
@@ -189,6 +197,26 @@ pub(crate) struct ReportArgs {
     /// The finished run.
     #[arg(long, value_name = "DIR")]
     pub(crate) run: PathBuf,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What the gallery is made of.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct GalleryArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// Folder of a finished table1.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) table1: Option<PathBuf>,
+    /// Folder of a finished table2.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) table2: Option<PathBuf>,
+    /// Folder for the pictures [default: docs/pictures]; pictures there are replaced.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

@@ -1,22 +1,23 @@
-//! `figures`: pictures of a finished run, as SVG.
+//! `figures`: pictures of a finished run, as SVG and PNG.
 
 mod curves;
 mod scenes;
+pub(crate) mod scores;
 pub(crate) mod traffic;
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, anyhow, bail};
+use anyhow::{Context as _, Result, anyhow};
 use gnp_data::{Forecast, Predictor as _, Recording, Split, Window, WindowId, WindowSet};
 use gnp_model::{Gnp, NeighbourFuture};
-use gnp_plot::{Figure, Source};
+use gnp_plot::{Figure, Painter, Source};
 
 use crate::cli::FigureArgs;
-use crate::config::RunConfig;
 use crate::ingest;
-use crate::run_folder::{RunFolder, Stage, write};
-use crate::session::{Machine, Session};
+use crate::report;
+use crate::run_folder::write;
+use crate::session::Session;
 use crate::source;
 use crate::stop;
 
@@ -42,20 +43,28 @@ struct Material<'a> {
 /// # Errors
 /// When the run is not finished, other recordings are not of its kind, or a file cannot be written.
 pub(crate) fn run(args: &FigureArgs) -> Result<()> {
-    let folder = RunFolder::open(&args.run)?;
-    if !folder.has(Stage::Evaluate) {
-        bail!("{} is not finished; run `cargo xtask pipeline --resume --out {0}` first", args.run.display());
-    }
-    let config = RunConfig::read(&folder.path("config.toml"), &[])?;
-    let session = Session::new(folder, config, Machine::start(&args.machine)?);
+    let session = report::open(&args.run, &args.machine)?;
     let out = args.out.clone().unwrap_or_else(|| session.folder.path("figures"));
     let figures = draw(&session, args.data_dir.as_ref())?;
-    fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    save(&figures, &out)?;
     for figure in &figures {
-        write(&out.join(format!("{}.svg", figure.name)), figure.svg.as_bytes())?;
-        session.terminal().result(&format!("{}.svg  {}", figure.name, figure.caption));
+        session.terminal().result(&format!("{}: {}", figure.name, figure.caption));
     }
-    session.terminal().note(&format!("{} figures: {}", figures.len(), out.display()));
+    session.terminal().note(&format!("{} figures, each as SVG and PNG: {}", figures.len(), out.display()));
+    Ok(())
+}
+
+/// Writes each figure to a folder, as SVG and as PNG.
+///
+/// # Errors
+/// When one cannot be painted or written.
+pub(crate) fn save(figures: &[Figure], out: &Path) -> Result<()> {
+    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    let painter = Painter::new();
+    for figure in figures {
+        write(&out.join(format!("{}.svg", figure.name)), figure.svg.as_bytes())?;
+        write(&out.join(format!("{}.png", figure.name)), &painter.png(figure)?)?;
+    }
     Ok(())
 }
 

@@ -17,7 +17,7 @@ use crate::memory;
 use crate::run_folder::{DataState, write, write_json};
 use crate::source::Found;
 use crate::stop;
-use crate::terminal::Terminal;
+use crate::terminal::{Terminal, fitted};
 
 /// Folder of the kept recordings in a run folder.
 pub(crate) const RECORDINGS: &str = "recordings";
@@ -137,25 +137,9 @@ impl IngestReport {
 
     /// The table for people.
     pub(crate) fn text(&self) -> String {
-        let mut table = Table::new();
-        table.load_preset(presets::NOTHING);
-        table.set_style(TableComponent::HeaderLines, '─').set_style(TableComponent::MiddleHeaderIntersections, '─');
-        table.set_header([
-            "recording",
-            "site",
-            "lanes",
-            "rows",
-            "vehicles",
-            "doubles",
-            "gaps",
-            "jumps",
-            "overlaps",
-            "flips",
-            "windows",
-            "at gap",
-            "short",
-            "at end",
-        ]);
+        let head = ["recording", "site", "lanes", "rows", "vehicles", "doubles", "gaps", "jumps", "overlaps", "flips"];
+        let mut quality = table(&head, 3);
+        let mut windows = table(&["recording", "windows", "at gap", "short", "at end"], 1);
         let mut total = [0u64; 11];
         for report in &self.recordings {
             let (q, w) = (&report.quality, &report.windows);
@@ -165,24 +149,21 @@ impl IngestReport {
                 LaneSource::Absent => "none",
             };
             let counts = [q.rows, q.vehicles, q.duplicates + q.conflicts, q.gaps, q.jumps, q.overlaps, q.lane_flips];
-            let windows = [w.windows, w.gap, w.track_too_short, w.past_track_end].map(|n| n as u64);
-            for (sum, n) in total.iter_mut().zip(counts.iter().chain(&windows)) {
+            let cut = [w.windows, w.gap, w.track_too_short, w.past_track_end].map(|n| n as u64);
+            for (sum, n) in total.iter_mut().zip(counts.iter().chain(&cut)) {
                 *sum += n;
             }
-            table.add_row(row(&q.recording, &q.site, lanes, &counts, &windows));
+            quality.add_row(row(&[&q.recording, &q.site, lanes], &counts));
+            windows.add_row(row(&[&q.recording], &cut));
         }
-        table.add_row(row("all", "", "", &total[..7], &total[7..]));
-        for (number, column) in table.column_iter_mut().enumerate() {
-            column.set_padding((0, 2));
-            if number > 2 {
-                column.set_cell_alignment(CellAlignment::Right);
-            }
-        }
-        let mut text = format!("Recordings: {}\n{table}\n", self.data.words);
+        quality.add_row(row(&["all", "", ""], &total[..7]));
+        windows.add_row(row(&["all"], &total[7..]));
+        let mut text = format!("Recordings: {}\n{}\n\n{}\n", self.data.words, quality.trim_fmt(), windows.trim_fmt());
         text.push_str(&format!(
-            "doubles: rows that repeat or contradict an earlier one of vehicle and frame, left out. jumps: rows faster\n\
-             than {JUMP_SPEED} m/s or with more than {JUMP_ACCELERATION} m/s² over half a second, kept. overlaps: pairs of boxes by frame.\n\
-             flips: changes of lane undone within 1 s. Windows left out: at a gap, on a track too short, at a track's end.\n"
+            "doubles: rows that repeat or contradict an earlier one of vehicle and frame, left out. jumps: rows faster \
+             than {JUMP_SPEED} m/s or with more than {JUMP_ACCELERATION} m/s² over half a second, kept. overlaps: pairs \
+             of boxes by frame. flips: changes of lane undone within 1 s. Windows left out: at a gap, on a track too \
+             short, at a track's end.\n"
         ));
         for report in &self.recordings {
             for (reason, rows) in &report.quality.skipped_rows {
@@ -192,13 +173,27 @@ impl IngestReport {
                 text.push_str(&format!("{}: {note}\n", report.quality.recording));
             }
         }
-        text
+        fitted(&text)
     }
 }
 
-fn row(name: &str, site: &str, lanes: &str, counts: &[u64], windows: &[u64]) -> Vec<String> {
-    let numbers = counts.iter().chain(windows).map(u64::to_string);
-    [name.to_owned(), site.to_owned(), lanes.to_owned()].into_iter().chain(numbers).collect()
+/// A table with words in its first columns and numbers in the others.
+fn table(head: &[&str], words: usize) -> Table {
+    let mut table = Table::new();
+    table.load_preset(presets::NOTHING);
+    table.set_style(TableComponent::HeaderLines, '─').set_style(TableComponent::MiddleHeaderIntersections, '─');
+    table.set_header(head);
+    for (number, column) in table.column_iter_mut().enumerate() {
+        column.set_padding((0, 1));
+        if number >= words {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    table
+}
+
+fn row(words: &[&str], numbers: &[u64]) -> Vec<String> {
+    words.iter().map(|word| (*word).to_owned()).chain(numbers.iter().map(u64::to_string)).collect()
 }
 
 #[cfg(test)]

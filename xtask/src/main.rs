@@ -8,6 +8,7 @@ mod config;
 mod describe;
 mod evaluate;
 mod figures;
+mod gallery;
 mod ingest;
 mod memory;
 mod modes;
@@ -66,6 +67,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Table2(args) => tables::table2(&args),
         Command::Figures(args) => figures::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Gallery(args) => gallery::run(&args),
         Command::Bench(args) => bench::run(&args, &Terminal::start(args.quiet, false)),
         Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),
         Command::Tidy => tidy::run(&project::root()),

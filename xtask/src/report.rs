@@ -2,11 +2,13 @@
 
 mod player;
 
+use std::path::{Path, PathBuf};
+
 use anyhow::{Context as _, Result, bail};
 use gnp_data::Split;
-use gnp_plot::{Report, ReportTable};
+use gnp_plot::{Figure, Report, ReportTable};
 
-use crate::cli::ReportArgs;
+use crate::cli::{MachineArgs, ReportArgs};
 use crate::config::RunConfig;
 use crate::figures;
 use crate::ingest::IngestReport;
@@ -19,12 +21,30 @@ use crate::session::{Machine, Session};
 /// # Errors
 /// When the run is not finished or a file of it cannot be used.
 pub(crate) fn run(args: &ReportArgs) -> Result<()> {
-    let folder = RunFolder::open(&args.run)?;
+    let session = open(&args.run, &args.machine)?;
+    let (page, _) = write_page(&session)?;
+    session.terminal().result(&format!("report: {}", page.display()));
+    Ok(())
+}
+
+/// A finished run.
+///
+/// # Errors
+/// When it is not finished.
+pub(crate) fn open(run: &Path, machine: &MachineArgs) -> Result<Session> {
+    let folder = RunFolder::open(run)?;
     if !folder.has(Stage::Evaluate) {
-        bail!("{} is not finished; run `cargo xtask pipeline --resume --out {0}` first", args.run.display());
+        bail!("{} is not finished; run `cargo xtask pipeline --resume --out {0}` first", run.display());
     }
     let config = RunConfig::read(&folder.path("config.toml"), &[])?;
-    let session = Session::new(folder, config, Machine::start(&args.machine)?);
+    Ok(Session::new(folder, config, Machine::start(machine)?))
+}
+
+/// Writes the page and says where it is, with the figures in it.
+///
+/// # Errors
+/// When a file of the run cannot be used or the page cannot be written.
+pub(crate) fn write_page(session: &Session) -> Result<(PathBuf, Vec<Figure>)> {
     let set = session.windows()?;
     let split = Split::load(&set, &session.folder.path("split.json"))?;
     let state = &session.folder.state;
@@ -35,15 +55,14 @@ pub(crate) fn run(args: &ReportArgs) -> Result<()> {
     let report = Report {
         title: format!("GNP: {}", state.data.words.replace('*', "")),
         simulated: state.data.simulated,
-        facts: facts(&session, &split),
+        facts: facts(session, &split),
         tables,
-        figures: figures::draw(&session, None)?,
-        player: player::recording(&session, &set, &split)?,
+        figures: figures::draw(session, None)?,
+        player: player::recording(session, &set, &split)?,
     };
     let out = session.folder.path("report.html");
     write(&out, report.html()?.as_bytes())?;
-    session.terminal().result(&format!("report: {}", out.display()));
-    Ok(())
+    Ok((out, report.figures))
 }
 
 fn facts(session: &Session, split: &Split) -> Vec<(String, String)> {

@@ -1,7 +1,8 @@
 //! What the user sees: progress and logs on stderr, results on stdout.
 //!
-//! On a terminal progress is a bar with rate and time left; elsewhere it is a plain line now and
-//! then, so that a log file stays readable.
+//! On a terminal progress is a bar with rate and time left; elsewhere, and where `NO_COLOR` or `TERM=dumb`
+//! asks for plain text, it is a line now and then without control characters, so that a log file stays readable.
+//! No line of words is longer than [`COLUMNS`].
 
 use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
@@ -11,6 +12,8 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use tracing_subscriber::filter::LevelFilter;
 
+/// Longest line of words.
+const COLUMNS: usize = 100;
 /// Plain lines of one piece of work are at least this far apart.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
@@ -23,17 +26,17 @@ pub(crate) struct Terminal {
 }
 
 impl Terminal {
-    /// Sets up progress and logs; call once. Colours are left out when `NO_COLOR` is set.
+    /// Sets up progress and logs; call once.
     pub(crate) fn start(quiet: bool, verbose: bool) -> Self {
-        let interactive = io::stderr().is_terminal() && !quiet;
+        let able = io::stderr().is_terminal() && !plain_text_wanted();
+        let interactive = able && !quiet;
         let target = if interactive { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let terminal = Self { bars: MultiProgress::with_draw_target(target), quiet, interactive };
-        let coloured = io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
         let bars = terminal.bars.clone();
         // A second call (tests in one process) keeps the first subscriber.
         let _ = tracing_subscriber::fmt()
             .with_max_level(if verbose { LevelFilter::INFO } else { LevelFilter::WARN })
-            .with_ansi(coloured)
+            .with_ansi(able)
             .with_target(false)
             .without_time()
             .with_writer(move || AboveBars(bars.clone()))
@@ -41,11 +44,16 @@ impl Terminal {
         terminal
     }
 
-    /// A line of a result, on stdout.
+    /// Lines of a result, on stdout; those that are too long are broken between words.
     pub(crate) fn result(&self, text: &str) {
+        self.for_programs(&fitted(text.trim_end_matches('\n')));
+    }
+
+    /// A line of a result that a program reads, on stdout as it is.
+    pub(crate) fn for_programs(&self, text: &str) {
         self.bars.suspend(|| {
             // A closed pipe (`| head`) is no reason to fail.
-            let _ = writeln!(io::stdout().lock(), "{}", text.trim_end_matches('\n'));
+            let _ = writeln!(io::stdout().lock(), "{text}");
         });
     }
 
@@ -53,7 +61,7 @@ impl Terminal {
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
             self.bars.suspend(|| {
-                let _ = writeln!(io::stderr().lock(), "{text}");
+                let _ = writeln!(io::stderr().lock(), "{}", fitted(text));
             });
         }
     }
@@ -67,12 +75,11 @@ impl Terminal {
     pub(crate) fn resumed_work(&self, what: &str, done: u64, total: u64, unit: &'static str) -> Work {
         let bar = self.bars.add(ProgressBar::new(total).with_position(done));
         bar.reset_eta();
-        let colour = if std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()) { ".cyan/dim" } else { "" };
         let template =
-            format!("{{prefix:12}} {{bar:30{colour}}} {{pos}}/{{len}} {unit}, {{rate}}, {{eta}} left {{msg}}");
+            format!("{{prefix:12}} {{bar:24.cyan/dim}} {{pos}}/{{len}} {unit}, {{rate}}, {{eta}} left {{wide_msg}}");
         let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
         bar.set_style(style.with_key("rate", |state: &ProgressState, out: &mut dyn fmt::Write| {
-            let _ = write!(out, "{:.0}/s", state.per_sec()); // into memory
+            let _ = out.write_str(&rate(state.per_sec())); // into memory
         }));
         bar.set_prefix(what.to_owned());
         let plain = !self.interactive && !self.quiet;
@@ -100,7 +107,7 @@ impl Work {
         self.bar.set_message(message.to_owned());
         self.bar.set_position(done);
         if self.plain && self.due() {
-            eprintln!("{}", self.line(done, message));
+            eprintln!("{}", fitted(&self.line(done, message)));
         }
     }
 
@@ -123,7 +130,8 @@ impl Work {
         let here = done.saturating_sub(self.before) as f64;
         let left = seconds / here * self.total.saturating_sub(done) as f64;
         let left = if left.is_finite() { format!("{left:.0} s left") } else { "time left unknown".to_owned() };
-        format!("{}: {done}/{} {}, {left} {message}", self.what, self.total, self.unit).trim_end().to_owned()
+        let rate = rate(here / seconds);
+        format!("{}: {done}/{} {}, {rate}, {left} {message}", self.what, self.total, self.unit).trim_end().to_owned()
     }
 }
 
@@ -146,6 +154,46 @@ impl Write for AboveBars {
     }
 }
 
+/// Whether the user asks for text without colours and bars.
+fn plain_text_wanted() -> bool {
+    let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+    set("NO_COLOR").is_some() || set("TERM").is_some_and(|term| term == "dumb")
+}
+
+/// Units a second, with two digits at least.
+fn rate(per_second: f64) -> String {
+    match per_second {
+        r if !r.is_finite() => "-/s".to_owned(),
+        r if r >= 10. => format!("{r:.0}/s"),
+        r if r >= 1. => format!("{r:.1}/s"),
+        r => format!("{r:.2}/s"),
+    }
+}
+
+/// Every line that is longer than [`COLUMNS`] broken between words, what follows indented; other lines as they are.
+pub(crate) fn fitted(text: &str) -> String {
+    let broken = |line: &str| {
+        if line.chars().count() <= COLUMNS {
+            return line.to_owned();
+        }
+        let indent = &line[..line.len() - line.trim_start().len()];
+        let mut lines = vec![indent.to_owned()];
+        // After an indented name and its spaces the gap stays as it is: only words are moved.
+        for word in line.trim_start().split(' ') {
+            let Some(last) = lines.last_mut() else { break };
+            let empty = last.trim().is_empty();
+            if empty || last.chars().count() + 1 + word.chars().count() <= COLUMNS {
+                last.push_str(if empty { "" } else { " " });
+                last.push_str(word);
+            } else {
+                lines.push(format!("{indent}  {word}"));
+            }
+        }
+        lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
+    };
+    text.split('\n').map(broken).collect::<Vec<_>>().join("\n")
+}
+
 /// A duration as `1 h 02 min`, `3 min 04 s` or `5.6 s`.
 pub(crate) fn duration(time: Duration) -> String {
     let seconds = time.as_secs();
@@ -159,6 +207,40 @@ pub(crate) fn duration(time: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_lines_are_broken_between_words() {
+        let text = format!("short   line\n  name     {}", "word ".repeat(50));
+        let broken = fitted(&text);
+        let lines: Vec<&str> = broken.lines().collect();
+        assert!(lines.len() == 4 && lines.iter().all(|line| line.chars().count() <= COLUMNS), "{broken}");
+        assert_eq!(lines[0], "short   line");
+        assert!(lines[1].starts_with("  name     word") && lines[2].starts_with("    word"), "{broken}");
+        assert_eq!(broken.split_whitespace().count(), 53);
+        // What cannot be broken stays whole.
+        assert_eq!(fitted(&"x".repeat(120)).len(), 120);
+    }
+
+    #[test]
+    fn rates_have_two_digits() {
+        assert_eq!([0.034, 3.26, 1234.5, f64::NAN].map(rate), ["0.03/s", "3.3/s", "1234/s", "-/s"]);
+    }
+
+    #[test]
+    fn a_plain_line_has_rate_and_time_left() {
+        let terminal = Terminal {
+            bars: MultiProgress::with_draw_target(ProgressDrawTarget::hidden()),
+            quiet: false,
+            interactive: false,
+        };
+        let work = terminal.resumed_work("goal", 10, 110, "batches");
+        std::thread::sleep(Duration::from_millis(20));
+        let line = work.line(60, "loss 0.5");
+        assert!(
+            line.starts_with("goal: 60/110 batches, ") && line.contains("/s, ") && line.ends_with(" s left loss 0.5"),
+            "{line}"
+        );
+    }
 
     #[test]
     fn durations_read_well() {

@@ -66,6 +66,20 @@ impl Bootstrap {
         Ok(())
     }
 
+    /// Interval of a share over all vehicles; `counts` holds `[hits, trials]` of each. `None` with fewer than
+    /// two vehicles that have trials.
+    #[must_use]
+    pub fn share(&self, counts: &[[u64; 2]]) -> Option<Interval> {
+        let counting = counts.iter().filter(|[_, trials]| *trials > 0).count();
+        let shares = self.resample(counts.len(), |times| {
+            let sum =
+                |part: usize| counts.iter().zip(times).map(|(count, times)| count[part] as f64 * times).sum::<f64>();
+            let (hits, trials) = (sum(0), sum(1));
+            (trials > 0.).then(|| hits / trials)
+        });
+        (counting > 1).then(|| middle(shares.into_iter().flatten().collect())).flatten()
+    }
+
     /// An interval for each metric; `None` with fewer than two contributing vehicles.
     pub(crate) fn intervals(&self, sums: &Sums, kinds: &[MetricKind]) -> Vec<Option<Interval>> {
         let values = self.resample(sums.vehicles().len(), |times| {
@@ -163,6 +177,21 @@ mod tests {
         rng.set_stream(u64::from(vehicle));
         let (u, v): (f64, f64) = (rng.random_range(f64::MIN_POSITIVE..1.), rng.random());
         (-2. * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+
+    /// Whole vehicles are right or wrong: a share of 0.3 of 200 has a deviation of sqrt(0.3 * 0.7 / 200), however
+    /// many windows each has.
+    #[test]
+    fn interval_of_a_share_counts_vehicles() {
+        let counts = |windows: u64| -> Vec<[u64; 2]> {
+            (0..200).map(|vehicle| [if vehicle % 10 < 3 { windows } else { 0 }, windows]).collect()
+        };
+        let half = 1.96 * (0.3f64 * 0.7 / 200.).sqrt();
+        let found = bootstrap().share(&counts(1)).unwrap();
+        assert!((found.low - (0.3 - half)).abs() < 0.01 && (found.high - (0.3 + half)).abs() < 0.01, "{found:?}");
+        let many = bootstrap().share(&counts(30)).unwrap();
+        assert!((many.low - found.low).abs() < 1e-9 && (many.high - found.high).abs() < 1e-9, "{many:?} {found:?}");
+        assert_eq!(bootstrap().share(&[[3, 5], [0, 0]]), None);
     }
 
     /// The mean of n normal numbers has the standard error s / sqrt(n): its interval is known.

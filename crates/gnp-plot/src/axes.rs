@@ -36,10 +36,13 @@ impl Axis {
         let [from, to] = self.data;
         if self.log {
             let decades = from.log10().floor() as i32..=to.log10().ceil() as i32;
-            let steps: &[f64] = if (to / from).log10() > 2. { &[1.] } else { &[1., 2., 5.] };
-            let all = decades.flat_map(|d| steps.iter().map(move |s| s * 10f64.powi(d)));
-            let inside: Vec<f64> = all.filter(|v| *v >= from * 0.999 && *v <= to * 1.001).collect();
-            if inside.len() >= 3 {
+            let ticks = |steps: &[f64]| -> Vec<f64> {
+                let all = decades.clone().flat_map(|d| steps.iter().map(move |s| s * 10f64.powi(d)));
+                all.filter(|v| *v >= from * 0.999 && *v <= to * 1.001).collect()
+            };
+            let few: &[f64] = &[1.];
+            let steps = if (to / from).log10() > 2. { [few, &[1., 2., 5.]] } else { [&[1., 2., 5.], few] };
+            if let Some(inside) = steps.map(ticks).into_iter().find(|inside| inside.len() >= 3) {
                 return inside;
             }
             // Less than a decade: evenly spaced values say more.
@@ -89,15 +92,8 @@ impl Panel {
         let [left, top, width, height] = self.place;
         let small = format!("font-size=\"9\" fill=\"{INK}\"");
         svg.group("class=\"axes\"");
-        for value in self.x.ticks((width / 46.) as usize) {
-            let [x, _] = self.at(value, self.y.data[0]);
-            if grid {
-                svg.line([x, top], [x, top + height], &format!("stroke=\"{GRID}\" stroke-width=\"0.6\""));
-            }
-            svg.line([x, top + height], [x, top + height + 3.], &format!("stroke=\"{INK}\" stroke-width=\"0.8\""));
-            svg.text([x, top + height + 12.], &shown(value), &format!("text-anchor=\"middle\" {small}"));
-        }
-        for value in self.y.ticks((height / 20.).max(4.) as usize) {
+        self.below(svg, x_label, grid);
+        for value in self.y.ticks((height / 26.).max(4.) as usize) {
             let [_, y] = self.at(self.x.data[0], value);
             if grid {
                 svg.line([left, y], [left + width, y], &format!("stroke=\"{GRID}\" stroke-width=\"0.6\""));
@@ -106,9 +102,31 @@ impl Panel {
             svg.text([left - 5., y + 3.2], &shown(value), &format!("text-anchor=\"end\" {small}"));
         }
         svg.rect(left, top, width, height, &format!("fill=\"none\" stroke=\"{INK}\" stroke-width=\"0.8\""));
-        svg.text([left + width / 2., top + height + 24.], x_label, &format!("text-anchor=\"middle\" {small}"));
         svg.text_up([left - 33., top + height / 2.], y_label, &small);
         svg.end();
+    }
+
+    /// Frame, and ticks and label of the axis below, over a grid.
+    pub(crate) fn frame_below(&self, svg: &mut Svg, label: &str) {
+        let [left, top, width, height] = self.place;
+        svg.group("class=\"axes\"");
+        self.below(svg, label, true);
+        svg.rect(left, top, width, height, &format!("fill=\"none\" stroke=\"{INK}\" stroke-width=\"0.8\""));
+        svg.end();
+    }
+
+    fn below(&self, svg: &mut Svg, label: &str, grid: bool) {
+        let [left, top, width, height] = self.place;
+        let small = format!("font-size=\"9\" fill=\"{INK}\" text-anchor=\"middle\"");
+        for value in self.x.ticks((width / 38.) as usize) {
+            let [x, _] = self.at(value, self.y.data[0]);
+            if grid {
+                svg.line([x, top], [x, top + height], &format!("stroke=\"{GRID}\" stroke-width=\"0.6\""));
+            }
+            svg.line([x, top + height], [x, top + height + 3.], &format!("stroke=\"{INK}\" stroke-width=\"0.8\""));
+            svg.text([x, top + height + 12.], &shown(value), &small);
+        }
+        svg.text([left + width / 2., top + height + 24.], label, &small);
     }
 }
 
@@ -132,6 +150,7 @@ mod tests {
         assert_eq!(Axis::new(-12., 31.).ticks(4), [0., 20.]);
         assert_eq!(Axis::new(0., 5.).ticks(5), [0., 1., 2., 3., 4., 5.]);
         assert_eq!(Axis::log(0.09, 3.).ticks(4), [0.1, 0.2, 0.5, 1., 2.]);
+        assert_eq!(Axis::log(0.22, 25.).ticks(4), [0.5, 1., 2., 5., 10., 20.]);
         assert_eq!(Axis::log(0.62, 0.91).ticks(3), [0.7, 0.8, 0.9].map(|v: f64| (v * 10.).round() * 0.1));
         assert_eq!(Axis::new(2., 2.).data, [1.5, 2.5]);
     }

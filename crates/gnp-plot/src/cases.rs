@@ -4,6 +4,9 @@ use crate::figure::{Figure, Sheet, Source};
 use crate::road_view::{AXIS_SPACE, Paths, RoadView, path_legend};
 use crate::scene::Scene;
 
+/// Highest view, user units: six of them have to fit on a page.
+const HIGHEST: f64 = 88.;
+
 /// A case and what kind it is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
@@ -18,10 +21,8 @@ pub struct Case {
 #[must_use]
 pub fn cases(cases: &[Case], source: &Source) -> Figure {
     let mut sheet = Sheet::new("cases", "Best of K futures in straight driving and lane changes");
-    sheet.y += 10.;
     let k = cases.iter().map(|case| case.scene.modes.len()).max().unwrap_or(0);
-    path_legend(&mut sheet.svg, sheet.y, &format!("best of {k}"), "other futures");
-    sheet.y += 4.;
+    sheet.y = path_legend(&mut sheet.svg, sheet.y, &format!("best of {k}"), "other futures");
     for case in cases {
         let scene = &case.scene;
         let miss = match (scene.modes.get(scene.best()).and_then(|m| m.path.last()), scene.truth.last()) {
@@ -29,7 +30,7 @@ pub fn cases(cases: &[Case], source: &Source) -> Figure {
             _ => String::new(),
         };
         sheet.note(&format!("{}: {}{miss}", case.kind, scene.title));
-        let view = RoadView::fit(scene, sheet.y + 3.);
+        let view = RoadView::fit(scene, sheet.y + 3., HIGHEST);
         sheet.svg.group(&format!("class=\"case {}\"", case.kind));
         sheet.svg.clipped("cases", view.panel.place);
         view.road(&mut sheet.svg, scene);

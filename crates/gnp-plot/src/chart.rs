@@ -1,11 +1,11 @@
 //! Line charts with intervals: error by horizon, learning curves.
 
 use crate::axes::{Axis, Panel};
-use crate::figure::{Figure, Sheet, Source, WIDTH};
+use crate::figure::{Figure, Legend, Sheet, Source};
 use crate::palette::{INK, series as style_of};
+use crate::road_view::{LEFT, SPAN};
 use crate::svg::Svg;
 
-const LEFT: f64 = 48.;
 const HEIGHT: f64 = 130.;
 
 /// A curve.
@@ -82,7 +82,7 @@ fn panel_of(chart: &ChartPanel, top: f64) -> Panel {
         Scaling::FromZero => Axis::new(0., high * 1.06),
         Scaling::Log => Axis::log(low * 0.85, high * 1.15),
     };
-    Panel { place: [LEFT, top, WIDTH - LEFT - 10., HEIGHT], x: Axis::new(x[0] - pad, x[1] + pad), y }
+    Panel { place: [LEFT, top, SPAN, HEIGHT], x: Axis::new(x[0] - pad, x[1] + pad), y }
 }
 
 fn draw(svg: &mut Svg, panel: &Panel, series: &Series, index: usize) {
@@ -114,18 +114,14 @@ fn marker(svg: &mut Svg, [x, y]: [f64; 2], index: usize, colour: &str) {
 }
 
 fn legend(sheet: &mut Sheet, names: &[&str]) {
-    let (mut x, mut y) = (10., sheet.y + 10.);
+    let mut legend = Legend::under(sheet.y);
     for (i, name) in names.iter().enumerate() {
-        let wide = 30. + 5.6 * name.chars().count() as f64 + 12.;
-        if x + wide > WIDTH && x > 10. {
-            (x, y) = (10., y + 14.);
-        }
+        let [x, y] = legend.place(28., name);
         let (colour, dashes) = style_of(i);
         let style = format!("stroke=\"{colour}\" stroke-width=\"1.7\" stroke-dasharray=\"{dashes}\"");
         sheet.svg.line([x, y - 3.], [x + 24., y - 3.], &style);
         marker(&mut sheet.svg, [x + 12., y - 3.], i, colour);
-        sheet.svg.text([x + 29., y], name, &format!("font-size=\"9.5\" fill=\"{INK}\""));
-        x += wide;
+        sheet.svg.text([x + 28., y], name, &format!("font-size=\"9\" fill=\"{INK}\""));
     }
-    sheet.y = y + 2.;
+    sheet.y = legend.bottom();
 }

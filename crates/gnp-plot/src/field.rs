@@ -7,7 +7,7 @@ use gnp_force::{LineKind as Law, Side, line_potential, vehicle_potential};
 use crate::axes::{nice, shown};
 use crate::figure::{Figure, Sheet, Source};
 use crate::palette::{GOAL, INK, LINES, NEIGHBOURS, TARGET, cividis};
-use crate::road_view::{AXIS_SPACE, LEFT, RoadView, SPAN, arrow};
+use crate::road_view::{AXIS_SPACE, HIGHEST, LEFT, RoadView, SPAN, arrow};
 use crate::scene::Scene;
 use crate::svg::Svg;
 
@@ -96,8 +96,13 @@ pub fn potential_field(scene: &Scene, potential: &Potential, source: &Source) ->
         sheet.svg.line([left, at], [left + width, at], &format!("stroke=\"#000\" stroke-width=\"1.1\" {dashes}"));
     }
     for other in &scene.others {
-        let style = "class=\"vehicle\" fill=\"#fff\" fill-opacity=\"0.85\" stroke=\"#000\" stroke-width=\"0.8\"";
-        view.vehicle(&mut sheet.svg, other.now.centre, other.now.size, style);
+        let pushes = potential.neighbours.iter().any(|(at, _)| {
+            let [x, y] = other.now.centre;
+            (at[0] - x).hypot(at[1] - y) < 0.1
+        });
+        let (class, fill) = if pushes { ("neighbour", NEIGHBOURS) } else { ("bystander", "#fff") };
+        let style = format!("class=\"vehicle {class}\" fill=\"{fill}\" stroke=\"#000\" stroke-width=\"0.8\"");
+        view.vehicle(&mut sheet.svg, other.now.centre, other.now.size, &style);
     }
     view.vehicle(&mut sheet.svg, [0., 0.], scene.size, &format!("class=\"target\" fill=\"{TARGET}\" stroke=\"#000\""));
     forces(&mut sheet.svg, &view, scene);
@@ -108,8 +113,8 @@ pub fn potential_field(scene: &Scene, potential: &Potential, source: &Source) ->
     let caption = format!(
         "Potential of the neighbours and the lane lines around the vehicle (orange) at the last observed frame, with \
          the strengths that the networks give there: a vehicle is pushed from bright to dark. Colours end at {} m²/s², \
-         above which lie the edges of the road. Arrows as in the scenes; vehicles outside the eight neighbour slots \
-         make no potential.",
+         above which lie the edges of the road. Arrows as in the scenes; vehicles in the eight neighbour slots are blue, \
+         the white ones make no potential.",
         shown((high * 100.).round() / 100.)
     );
     sheet.finish(&caption, source)
@@ -119,7 +124,7 @@ fn view_of(scene: &Scene, top: f64) -> RoadView {
     let edge = |pick: fn(f64, f64) -> f64, start| scene.lines.iter().map(|l| f64::from(l.y)).fold(start, pick);
     let (right, left) = (edge(f64::min, f64::INFINITY), edge(f64::max, f64::NEG_INFINITY));
     let (low, high) = if right < left { (right - 0.8, left + 0.8) } else { (-8., 8.) };
-    RoadView::over([-34., 34.], [low.max(-13.), high.min(13.)], top)
+    RoadView::over([-34., 34.], [low.max(-13.), high.min(13.)], top, HIGHEST)
 }
 
 /// Runs of equal colour as one rectangle each.

@@ -3,12 +3,15 @@
 use crate::palette::INK;
 use crate::svg::Svg;
 
-/// Width of every figure, user units.
-pub(crate) const WIDTH: f64 = 420.;
-const HEAD: f64 = 24.;
+/// Width of every figure, user units: in a column of 85 mm letters of 9 units have 6.4 points.
+pub(crate) const WIDTH: f64 = 340.;
 const FOOT: f64 = 20.;
-/// Letters of a line of small text, at most.
-const LETTERS: usize = 78;
+/// Letters of a line at most: of small text, of bold small text, of a title.
+const LETTERS: usize = 68;
+const BOLD_LETTERS: usize = 60;
+const TITLE_LETTERS: usize = 42;
+/// Width of a small letter, user units, rather too large than too small.
+const LETTER: f64 = 5.1;
 
 /// A finished figure.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,13 +45,17 @@ pub(crate) struct Sheet {
 impl Sheet {
     pub(crate) fn new(name: &str, title: &str) -> Self {
         let mut svg = Svg::new();
-        svg.text([8., 16.], title, &format!("font-size=\"12\" font-weight=\"bold\" fill=\"{INK}\""));
-        Self { svg, name: name.to_owned(), title: title.to_owned(), y: HEAD }
+        let mut y = 8.;
+        for line in broken(title, TITLE_LETTERS) {
+            svg.text([8., y + 8.], &line, &format!("font-size=\"12\" font-weight=\"bold\" fill=\"{INK}\""));
+            y += 14.;
+        }
+        Self { svg, name: name.to_owned(), title: title.to_owned(), y: y + 2. }
     }
 
     /// A line of small text; long ones are broken between words.
     pub(crate) fn note(&mut self, text: &str) {
-        for line in broken(text) {
+        for line in broken(text, LETTERS) {
             self.y += 12.;
             self.svg.text([8., self.y], &line, &format!("font-size=\"9\" fill=\"{INK}\""));
         }
@@ -60,10 +67,10 @@ impl Sheet {
         let simulated = if source.simulated { "simulated data: " } else { "" };
         let words = source.words.replace("*simulated*", "simulated");
         let foot = format!("{simulated}{words}");
-        let weight = if source.simulated { "font-weight=\"bold\"" } else { "" };
+        let (weight, letters) = if source.simulated { ("font-weight=\"bold\"", BOLD_LETTERS) } else { ("", LETTERS) };
         self.svg.group("class=\"source\"");
         let mut height = self.y + FOOT;
-        for (i, line) in broken(&foot).iter().enumerate() {
+        for (i, line) in broken(&foot, letters).iter().enumerate() {
             let y = self.y + 13. + 11. * i as f64;
             self.svg.text([8., y], line, &format!("font-size=\"9\" fill=\"{INK}\" {weight}"));
             height = y + 7.;
@@ -75,13 +82,41 @@ impl Sheet {
     }
 }
 
-fn broken(text: &str) -> Vec<String> {
+/// Entries of a legend, one behind the other, in as many lines as they need.
+pub(crate) struct Legend {
+    x: f64,
+    y: f64,
+}
+
+impl Legend {
+    pub(crate) fn under(y: f64) -> Self {
+        Self { x: 10., y: y + 10. }
+    }
+
+    /// Left end of the base line of an entry: a sample of some width, then words.
+    pub(crate) fn place(&mut self, sample: f64, words: &str) -> [f64; 2] {
+        let wide = sample + LETTER * words.chars().count() as f64;
+        if self.x + wide > WIDTH - 4. && self.x > 10. {
+            (self.x, self.y) = (10., self.y + 14.);
+        }
+        let at = [self.x, self.y];
+        self.x += wide + 10.;
+        at
+    }
+
+    /// Where the next thing may be drawn.
+    pub(crate) fn bottom(&self) -> f64 {
+        self.y + 3.
+    }
+}
+
+fn broken(text: &str, letters: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
         let Some(line) = lines.last_mut() else { break };
         if line.is_empty() {
             line.push_str(word);
-        } else if line.chars().count() + 1 + word.chars().count() <= LETTERS {
+        } else if line.chars().count() + 1 + word.chars().count() <= letters {
             line.push(' ');
             line.push_str(word);
         } else {

@@ -3,15 +3,17 @@
 use gnp_data::{Explanation, StepForces};
 
 use crate::axes::{Axis, Panel, nice, shown};
-use crate::figure::{Figure, Sheet, Source};
+use crate::figure::{Figure, Legend, Sheet, Source};
 use crate::palette::{GOAL, GOAL_RIM, INK, LINES, NEIGHBOURS, TARGET, TOTAL};
-use crate::road_view::{AXIS_SPACE, LEFT, Paths, RoadView, SPAN, arrow, path_legend};
+use crate::road_view::{AXIS_SPACE, HIGHEST, LEFT, Paths, RoadView, SPAN, arrow, path_legend};
 use crate::scene::Scene;
 use crate::svg::Svg;
 
 /// Longest arrow, user units.
 const LONGEST: f64 = 34.;
 const CHART: f64 = 62.;
+/// Space between the two charts, for the labels of the second.
+const BETWEEN: f64 = 54.;
 
 /// Scenes under each other: road, vehicles, all paths, and along the likeliest one the forces as
 /// arrows, `every_s` apart, each from where the vehicle then is. Below each scene the forces of every
@@ -19,17 +21,14 @@ const CHART: f64 = 62.;
 #[must_use]
 pub fn force_scenes(name: &str, title: &str, scenes: &[Scene], every_s: f64, source: &Source) -> Figure {
     let mut sheet = Sheet::new(name, title);
-    sheet.y += 10.;
-    path_legend(&mut sheet.svg, sheet.y, "likeliest", "other futures");
-    sheet.y += 14.;
+    sheet.y = path_legend(&mut sheet.svg, sheet.y, "likeliest", "other futures");
     let largest = scenes.iter().filter_map(explanation).flat_map(|e| &e.steps).flat_map(parts).map(norm);
     let largest = largest.filter(|force| force.is_finite()).fold(1e-3, f64::max);
     let scale = LONGEST / largest;
-    arrow_legend(&mut sheet.svg, sheet.y, scale, largest);
-    sheet.y += 8.;
+    sheet.y = arrow_legend(&mut sheet.svg, sheet.y, scale, largest);
     for scene in scenes {
         sheet.note(&scene.title);
-        let view = RoadView::fit(scene, sheet.y + 3.);
+        let view = RoadView::fit(scene, sheet.y + 3., HIGHEST);
         sheet.svg.group("class=\"scene\"");
         sheet.svg.clipped(name, view.panel.place);
         view.road(&mut sheet.svg, scene);
@@ -91,42 +90,40 @@ fn arrows(svg: &mut Svg, view: &RoadView, scene: &Scene, every_s: f64, scale: f6
     }
 }
 
-fn arrow_legend(svg: &mut Svg, y: f64, scale: f64, largest: f64) {
+fn arrow_legend(svg: &mut Svg, y: f64, scale: f64, largest: f64) -> f64 {
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
-    let size = nice(largest * 0.4);
-    let mut x = 10.;
-    for (class, words, colour) in
-        [("goal", "goal", GOAL), ("neighbours", "neighbours", NEIGHBOURS), ("lines", "lines", LINES)]
-    {
+    let mut legend = Legend::under(y);
+    for (class, colour) in [("goal", GOAL), ("neighbours", NEIGHBOURS), ("lines", LINES)] {
+        let [x, y] = legend.place(22., class);
         arrow(svg, &format!("key {class}"), [x, y - 3.], [18., 0.], 1., colour);
-        svg.text([x + 22., y], words, &small);
-        x += 22. + 5.3 * words.chars().count() as f64 + 12.;
+        svg.text([x + 22., y], class, &small);
     }
-    svg.line(
-        [x, y - 3.],
-        [x + 18., y - 3.],
-        &format!("stroke=\"{TOTAL}\" stroke-width=\"1.2\" stroke-dasharray=\"3 2\""),
-    );
+    let [x, y] = legend.place(22., "sum");
+    let style = format!("stroke=\"{TOTAL}\" stroke-width=\"1.2\" stroke-dasharray=\"3 2\"");
+    svg.line([x, y - 3.], [x + 18., y - 3.], &style);
     svg.text([x + 22., y], "sum", &small);
-    x += 52.;
-    svg.line([x, y - 3.], [x + size * scale, y - 3.], &format!("stroke=\"{INK}\" stroke-width=\"1\""));
-    for end in [x, x + size * scale] {
-        svg.line([end, y - 6.], [end, y], &format!("stroke=\"{INK}\" stroke-width=\"1\""));
+    let size = nice(largest * 0.4);
+    let (long, words) = (size * scale, format!("{} m/s\u{b2}", shown(size)));
+    let [x, y] = legend.place(long + 5., &words);
+    for (from, to) in [([0., -3.], [long, -3.]), ([0., -6.], [0., 0.]), ([long, -6.], [long, 0.])] {
+        let style = format!("stroke=\"{INK}\" stroke-width=\"1\"");
+        svg.line([x + from[0], y + from[1]], [x + to[0], y + to[1]], &style);
     }
-    svg.text([x + size * scale + 5., y], &format!("{} m/s\u{b2}, any direction", shown(size)), &small);
+    svg.text([x + long + 5., y], &words, &small);
+    legend.bottom()
 }
 
 /// Longitudinal and lateral forces side by side.
 fn over_time(svg: &mut Svg, explanation: &Explanation, dt: f64, top: f64) {
     let steps = &explanation.steps;
     let end = steps.len() as f64 * dt;
-    let width = (SPAN - 44.) / 2.;
+    let width = (SPAN - BETWEEN) / 2.;
     for (i, (axis, label)) in [(0, "forward (m/s\u{b2})"), (1, "left (m/s\u{b2})")].into_iter().enumerate() {
         let values = steps.iter().flat_map(parts).map(|f| f64::from(f[axis])).filter(|v| v.is_finite());
         let totals = steps.iter().map(|s| f64::from(s.goal[axis] + s.neighbours[axis] + s.lines[axis]));
         let (low, high) = values.chain(totals).fold((-0.1f64, 0.1f64), |(l, h), v| (l.min(v), h.max(v)));
         let margin = (high - low) * 0.08;
-        let place = [LEFT + i as f64 * (width + 44.), top, width, CHART];
+        let place = [LEFT + i as f64 * (width + BETWEEN), top, width, CHART];
         let panel = Panel { place, x: Axis::new(0., end), y: Axis::new(low - margin, high + margin) };
         panel.frame(svg, "time ahead (s)", label, true);
         let curve = |pick: fn(&StepForces) -> [f32; 2]| -> Vec<[f64; 2]> {

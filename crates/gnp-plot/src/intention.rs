@@ -4,6 +4,7 @@ use crate::axes::{Axis, Panel};
 use crate::figure::{Figure, Sheet, Source};
 use crate::palette::cividis;
 use crate::road_view::{LEFT, SPAN, thinned};
+use crate::svg::number;
 
 /// Modes to be drawn, largest first.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,8 +42,11 @@ pub fn intentions(modes: &Intentions, source: &Source) -> Figure {
     } else {
         ("forward of the vehicle (m)", "left (m)")
     };
-    let stretched =
-        if (stretch - 1.).abs() > 0.01 { format!("{left}, stretched \u{d7}{stretch:.1}") } else { left.to_owned() };
+    let stretched = if (stretch - 1.).abs() > 0.01 {
+        format!("{left}, stretched \u{d7}{}", number((stretch * 10.).round() / 10.))
+    } else {
+        left.to_owned()
+    };
     panel.frame(&mut sheet.svg, forward, &stretched, true);
     sheet.svg.group("class=\"modes\"");
     for (centre, size) in modes.centres.iter().zip(&modes.sizes).rev() {

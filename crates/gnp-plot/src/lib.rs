@@ -1,21 +1,24 @@
-//! Figures as SVG text, and a report as one HTML file: data in, text out, nothing read and nothing written.
+//! Figures as SVG text and as PNG, and a report as one HTML file: data in, text or bytes out, nothing read and
+//! nothing written.
 //!
 //! The road frame is drawn as it is: forward to the right, left up. A lateral axis that is stretched
 //! says so. Colours are told apart by colour-blind readers and in grey; forces have the colours of
 //! the GNP paper (goal yellow, neighbours blue, lines black). Every figure names its data, and says
 //! *simulated* where any of it is. The same data gives the same text.
 //!
-//! Figures are 420 units wide with letters of 9 to 12, so that they can be read at the width of one
-//! column of a page.
+//! Figures are 340 units wide with letters of 9 to 12, which are 6.4 to 8.5 points at the width of one column of a
+//! page, 85 mm.
 
 mod axes;
 mod cases;
 mod chart;
+mod dots;
 mod field;
 mod figure;
 mod force_chart;
 mod intention;
 mod palette;
+mod png;
 mod reliability;
 mod report;
 mod road_view;
@@ -26,11 +29,13 @@ mod svg;
 
 pub use crate::cases::{Case, cases};
 pub use crate::chart::{ChartPanel, Scaling, Series, charts};
+pub use crate::dots::{Dot, DotPanel, DotRow, DotScaling, dot_note, dot_rows};
 pub use crate::field::{Potential, potential_field};
 pub use crate::figure::{Figure, Source};
 pub use crate::force_chart::force_scenes;
 pub use crate::intention::{Intentions, intentions};
-pub use crate::reliability::{ReliabilityBin, reliability, reliability_bins};
+pub use crate::png::{PaintError, Painter};
+pub use crate::reliability::{GivenMode, ReliabilityBin, reliability, reliability_bins};
 pub use crate::report::{
     PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedVehicle, Report, ReportTable,
 };

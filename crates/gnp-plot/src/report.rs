@@ -175,7 +175,10 @@ impl Report {
                 figure.svg
             );
         }
-        let _ = write!(page, "</div>\n<script>\n{PLAYER}</script>\n</body>\n</html>\n");
+        let _ = write!(
+            page,
+            "</div>\n<p class=\"keys\" id=\"ready\"></p>\n<script>\n{PLAYER}</script>\n</body>\n</html>\n"
+        );
         Ok(page)
     }
 }
@@ -202,7 +205,7 @@ impl ReportTable {
 
 const CONTROLS: &str = r#"<h2>Scene player</h2>
 <div id="player">
-<canvas id="road" tabindex="0" role="img" aria-label="The road from above; forward is right, left is up" style="height:15rem"></canvas>
+<canvas id="road" tabindex="0" role="img" aria-label="The road from above; forward is right, left is up"></canvas>
 <div id="controls">
 <button id="play">Play</button>
 <input id="time" type="range" min="0" max="1" step="1" value="0" aria-label="Time">
@@ -215,10 +218,10 @@ const CONTROLS: &str = r#"<h2>Scene player</h2>
 <button id="theme">Light or dark</button>
 </div>
 <div id="status" role="status"></div>
-<canvas id="chart" role="img" aria-label="Relaxation time and strengths over the forecast" style="height:10rem"></canvas>
+<canvas id="chart" role="img" aria-label="Relaxation time and strengths over the forecast"></canvas>
 <div id="tip" hidden></div>
 <p class="keys">Keys: space plays; arrows step, with shift by a second; N and P pick the next and the previous vehicle; F forces
 (goal yellow, neighbours blue, lane lines black), M futures (likeliest dark red, others green), B neighbours; + and − zoom; Home and End.
-A vehicle under the pointer shows its numbers. The dashed box is where the forecast has the vehicle now.</p>
+A vehicle under the pointer shows its numbers. The dashed box is where the forecast has the vehicle now. An address that ends in <code>#t=12.5&amp;vehicle=7</code> opens that moment.</p>
 </div>
 "#;

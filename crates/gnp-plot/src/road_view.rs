@@ -3,17 +3,18 @@
 use gnp_data::LineKind;
 
 use crate::axes::{Axis, Panel};
+use crate::figure::{Legend, WIDTH};
 use crate::palette::{BEST, GOAL, GOAL_RIM, HISTORY, INK, OTHERS, ROAD, TARGET, TRUTH, VEHICLE};
 use crate::scene::Scene;
 use crate::svg::Svg;
 
 /// Left edge of a view, and its width.
 pub(crate) const LEFT: f64 = 48.;
-pub(crate) const SPAN: f64 = 362.;
+pub(crate) const SPAN: f64 = WIDTH - LEFT - 10.;
 /// Road shown to each side of what moves, m.
 const REACH: f64 = 8.;
 /// Highest view, user units.
-const HIGHEST: f64 = 118.;
+pub(crate) const HIGHEST: f64 = 118.;
 /// Space under a view for its axis.
 pub(crate) const AXIS_SPACE: f64 = 31.;
 
@@ -33,8 +34,8 @@ pub(crate) struct RoadView {
 }
 
 impl RoadView {
-    /// Fits what moves, with some road around it, under `top`.
-    pub(crate) fn fit(scene: &Scene, top: f64) -> Self {
+    /// Fits what moves, with some road around it, under `top`; not higher than `highest` unless the road is.
+    pub(crate) fn fit(scene: &Scene, top: f64, highest: f64) -> Self {
         let paths = scene.modes.iter().flat_map(|mode| mode.path.iter());
         let goals = scene.modes.iter().filter_map(|mode| mode.explanation.as_ref().map(|e| &e.goal));
         let moving = scene.history.iter().chain(&scene.truth).chain(paths).chain(goals);
@@ -49,13 +50,13 @@ impl RoadView {
         let low = (y[0] - REACH).max((right - 1.2).min(y[0] - 1.5));
         let high = (y[1] + REACH).min((left + 1.2).max(y[1] + 1.5));
         let (low, high) = if right < left { (low, high) } else { (y[0] - REACH, y[1] + REACH) };
-        Self::over([x[0] - 8., x[1] + 8.], [low, high], top)
+        Self::over([x[0] - 8., x[1] + 8.], [low, high], top, highest)
     }
 
     /// A view of `x` by `y`, m.
-    pub(crate) fn over(x: [f64; 2], y: [f64; 2], top: f64) -> Self {
+    pub(crate) fn over(x: [f64; 2], y: [f64; 2], top: f64, highest: f64) -> Self {
         let unit = SPAN / (x[1] - x[0]);
-        let stretch = (HIGHEST / (unit * (y[1] - y[0]))).floor().clamp(1., 10.);
+        let stretch = ((highest / (unit * (y[1] - y[0])) * 2.).floor() / 2.).clamp(1., 10.);
         let height = unit * stretch * (y[1] - y[0]);
         let place = [LEFT, top, SPAN, height];
         Self { panel: Panel { place, x: Axis::new(x[0], x[1]), y: Axis::new(y[0], y[1]) }, stretch }
@@ -188,17 +189,18 @@ pub(crate) fn arrow(svg: &mut Svg, class: &str, at: [f64; 2], vector: [f64; 2], 
     svg.end();
 }
 
-/// Samples of what the lines mean, in a row.
-pub(crate) fn path_legend(svg: &mut Svg, y: f64, first: &str, others: &str) {
+/// Samples of what the lines mean, below `y`; returns where the next thing may be drawn.
+pub(crate) fn path_legend(svg: &mut Svg, y: f64, first: &str, others: &str) -> f64 {
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
-    let mut x = 10.;
+    let mut legend = Legend::under(y);
     let mut entry = |svg: &mut Svg, style: &str, words: &str| {
+        let [x, y] = legend.place(22., words);
         svg.line([x, y - 3.], [x + 18., y - 3.], style);
         svg.text([x + 22., y], words, &small);
-        x += 22. + 5.3 * words.chars().count() as f64 + 12.;
     };
     entry(svg, &format!("stroke=\"{HISTORY}\" stroke-width=\"2\""), "observed");
     entry(svg, &format!("stroke=\"{BEST}\" stroke-width=\"2.4\""), first);
     entry(svg, &format!("stroke=\"{OTHERS}\" stroke-width=\"1.3\""), others);
-    entry(svg, &format!("stroke=\"{TRUTH}\" stroke-width=\"1.3\" stroke-dasharray=\"3 2.4\""), "what happened");
+    entry(svg, &format!("stroke=\"{TRUTH}\" stroke-width=\"1.3\" stroke-dasharray=\"3 2.4\""), "truth");
+    legend.bottom()
 }

@@ -1,7 +1,7 @@
 //! The time-space diagram of one lane, with forecasts in it.
 
 use crate::axes::{Axis, Panel};
-use crate::figure::{Figure, Sheet, Source};
+use crate::figure::{Figure, Legend, Sheet, Source};
 use crate::palette::{BEST, INK, cividis};
 use crate::road_view::{LEFT, SPAN};
 
@@ -83,15 +83,17 @@ fn speed(pair: &[[f64; 2]]) -> Option<f64> {
 
 fn legend(sheet: &mut Sheet, slowest: f64, fastest: f64) {
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
-    let y = sheet.y + 8.;
-    sheet.svg.text([10., y], &format!("{slowest:.0} m/s"), &small);
+    let mut legend = Legend::under(sheet.y);
+    let [x, y] = legend.place(109., "00 m/s");
+    sheet.svg.text([x, y], &format!("{slowest:.0}"), &small);
     for i in 0..=10 {
         let colour = cividis(f64::from(i) / 10. * 0.9);
-        sheet.svg.rect(50. + 9. * f64::from(i), y - 7., 9.2, 8., &format!("fill=\"{colour}\""));
+        sheet.svg.rect(x + 16. + 8. * f64::from(i), y - 7., 8.2, 8., &format!("fill=\"{colour}\""));
     }
-    sheet.svg.text([154., y], &format!("{fastest:.0} m/s"), &small);
-    sheet.svg.line([215., y - 3.], [239., y - 3.], &format!("stroke=\"{BEST}\" stroke-width=\"1.7\""));
-    sheet.svg.circle([215., y - 3.], 2.2, &format!("fill=\"{BEST}\""));
-    sheet.svg.text([244., y], "likeliest forecast", &small);
-    sheet.y = y + 2.;
+    sheet.svg.text([x + 109., y], &format!("{fastest:.0} m/s"), &small);
+    let [x, y] = legend.place(29., "likeliest forecast");
+    sheet.svg.line([x, y - 3.], [x + 24., y - 3.], &format!("stroke=\"{BEST}\" stroke-width=\"1.7\""));
+    sheet.svg.circle([x, y - 3.], 2.2, &format!("fill=\"{BEST}\""));
+    sheet.svg.text([x + 29., y], "likeliest forecast", &small);
+    sheet.y = legend.bottom();
 }

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use crate::png::FAMILY;
+
 /// An SVG drawing under construction, in user units; y grows downwards.
 #[derive(Debug)]
 pub(crate) struct Svg {
@@ -23,7 +25,7 @@ impl Svg {
         let (w, h) = (number(width), number(height));
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \
-             font-family=\"'DejaVu Sans', Verdana, Arial, sans-serif\" font-size=\"10\">\n<title>{}</title>\n\
+             font-family=\"'{FAMILY}', Verdana, Arial, sans-serif\" font-size=\"10\">\n<title>{}</title>\n\
              <desc>{}</desc>\n<rect width=\"{w}\" height=\"{h}\" fill=\"#fff\"/>\n{}</svg>\n",
             escape(title),
             escape(description),

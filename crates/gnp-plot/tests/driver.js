@@ -50,6 +50,12 @@
     }
     result.hover = tip.textContent;
     result.clicked = status();
+    // A moment by its address.
+    location.hash = "#t=5.5&vehicle=25";
+    await wait(50);
+    result.addressed = status();
+    result.tip = [tip.getBoundingClientRect().right <= innerWidth, tip.getBoundingClientRect().bottom <= innerHeight];
+    result.ready = document.getElementById("ready").textContent;
     document.getElementById("theme").click();
     result.theme = document.documentElement.dataset.theme;
   } catch (error) {

@@ -7,8 +7,9 @@ mod drawing;
 use drawing::{Element, of, read};
 use gnp_data::{Explanation, LaneLine, LineKind, Mode, SLOTS, StepForces};
 use gnp_plot::{
-    Box2, Case, ChartPanel, Figure, Forecast1, Intentions, Other, Potential, Scaling, Scene, Series, Source, SpaceTime,
-    Trace, cases, charts, force_scenes, intentions, potential_field, reliability, reliability_bins, space_time,
+    Box2, Case, ChartPanel, Dot, DotPanel, DotRow, DotScaling, Figure, Forecast1, GivenMode, Intentions, Other,
+    Potential, Scaling, Scene, Series, Source, SpaceTime, Trace, cases, charts, dot_note, dot_rows, force_scenes,
+    intentions, potential_field, reliability, reliability_bins, space_time,
 };
 
 const STEPS: usize = 25;
@@ -61,7 +62,9 @@ fn every_figure(simulated: bool) -> Vec<Figure> {
         deviation: false,
         seconds: 5.,
     };
-    let bins = reliability_bins(&[(0.1, false), (0.9, true), (0.4, true), (0.45, false)], 10);
+    let given = |probability, right, vehicle: usize| GivenMode { probability, right, vehicle };
+    let modes_given = [given(0.1, false, 1), given(0.9, true, 2), given(0.4, true, 3), given(0.45, false, 4)];
+    let bins = reliability_bins(&modes_given, 10, |_| Some([0.1, 0.9]));
     let lane = SpaceTime {
         title: "lane 2".to_owned(),
         traces: vec![Trace { points: vec![[0., 0.], [1., 10.], [2., 30.]] }],
@@ -76,7 +79,36 @@ fn every_figure(simulated: bool) -> Vec<Figure> {
         charts("errors", "Errors", "Errors.", &[chart()], &source),
         reliability(&bins, 6, 4, &source),
         space_time(&lane, &source),
+        dot_rows("rows", "Rows of models", "Rows.", &rows_of_dots(), &source),
     ]
+}
+
+fn rows_of_dots() -> Vec<DotPanel> {
+    let dot = |value: f64| Some(Dot { value, interval: Some([0.8 * value, 1.2 * value]) });
+    let row = |name: &str, told, dots: &[Option<Dot>]| DotRow {
+        name: name.to_owned(),
+        told,
+        dots: dots.to_vec(),
+        note: dot_note(12.345),
+    };
+    let panel = |scaling, columns: &[&str], rows| DotPanel {
+        title: "RMSE of the likeliest future".to_owned(),
+        axis: "RMSE (m)".to_owned(),
+        scaling,
+        columns: columns.iter().map(|c| (*c).to_owned()).collect(),
+        notes: "5 s".to_owned(),
+        rows,
+    };
+    let first = row("gnp", false, &[dot(1.), dot(4.)]);
+    let errors =
+        vec![first, row("constant acceleration", false, &[dot(2.), None]), row("told", true, &[dot(3.), None])];
+    let at = |value| Some(Dot { value, interval: None });
+    let differences = vec![
+        row("gnp", false, &[at(0.)]),
+        row("a quarter of the modes", false, &[at(0.5)]),
+        row("true goal", true, &[at(-9.)]),
+    ];
+    vec![panel(DotScaling::Log, &["1", "5"], errors), panel(DotScaling::Difference, &[], differences)]
 }
 
 fn chart() -> ChartPanel {
@@ -184,7 +216,10 @@ fn a_stretched_axis_says_so() {
     let stretch = -map.per_m[1] / map.per_m[0];
     let label = elements.iter().find(|e| e.text.contains("stretched")).expect("the label");
     assert!(stretch > 1.5);
-    assert_eq!(label.text, format!("forward of the vehicle (m); lateral axis stretched \u{d7}{stretch:.0}"));
+    assert_eq!(
+        label.text,
+        format!("forward of the vehicle (m); lateral axis stretched \u{d7}{}", (stretch * 2.).round() / 2.)
+    );
     let target = of(&elements, "rect", "target")[0];
     assert!((target.number("width") / map.per_m[0] - 4.5).abs() < 0.02);
     assert!((target.number("height") / -map.per_m[1] - 1.8).abs() < 0.02);
@@ -223,7 +258,7 @@ fn figures_are_whole_and_the_same_every_time() {
         assert_eq!(*figure, again);
         assert!(!figure.svg.contains("NaN") && !figure.svg.contains("inf"), "{}", figure.name);
         let elements = read(&figure.svg);
-        assert_eq!(elements[0].number("width"), 420.);
+        assert_eq!(elements[0].number("width"), 340.);
         for text in elements.iter().filter(|e| e.name == "text") {
             let size = text.attributes.get("font-size").map_or(10., |size| size.parse::<f64>().unwrap());
             assert!(size >= 8.5, "{}: {text:?}", figure.name);
@@ -242,6 +277,43 @@ fn axes_carry_units() {
             assert!(label.contains('(') || bare.contains(&label.as_str()), "{}: {label}", figure.name);
         }
     }
+}
+
+/// Every letter has a glyph, no label lies on another, and none leaves the page.
+#[test]
+fn labels_stand_free() {
+    for figure in every_figure(true) {
+        let labels = drawing::labels(&figure.svg);
+        assert!(labels.len() > 5, "{}", figure.name);
+        for (i, (text, [left, top, right, bottom])) in labels.iter().enumerate() {
+            assert!(*left >= 0. && *right <= 340. && *top >= 0., "{}: {text:?} leaves the page: {right}", figure.name);
+            for (other, [l, t, r, b]) in &labels[..i] {
+                let apart = *right <= *l || *r <= *left || *bottom <= *t || *b <= *top;
+                assert!(apart, "{}: {text:?} lies on {other:?}", figure.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn rows_of_dots_stand_at_their_values() {
+    let figure = every_figure(false).pop().unwrap();
+    let elements = read(&figure.svg);
+    let dots = of(&elements, "circle", "row");
+    assert_eq!(dots.len(), 6);
+    // Logarithmic: 1 to 2 is as far as 2 to 4.
+    let x = |i: usize| dots[i].number("cx");
+    assert!((x(2) - x(0) - (x(1) - x(2))).abs() < 0.05, "{} {} {}", x(0), x(2), x(1));
+    assert!(dots[3].is("told") && dots[3].attributes["fill"] == "#fff" && dots[0].attributes["fill"] != "#fff");
+    let interval = of(&elements, "line", "interval")[0];
+    assert!(interval.number("x1") < x(0) && interval.number("x2") > x(0));
+    assert!(elements.iter().any(|e| e.text.contains("future input")));
+    // The second panel shows differences: zero is drawn, and what is worse lies right of it.
+    let zero = of(&elements, "line", "zero")[0].number("x1");
+    assert!((x(4) - zero).abs() < 0.01 && x(5) > zero + 5.);
+    // What is handed the future does not set the axis: it lies beyond, on the better side.
+    let beyond = of(&elements, "path", "beyond")[0];
+    assert!(beyond.is("told") && beyond.points()[0][0] < zero);
 }
 
 #[test]

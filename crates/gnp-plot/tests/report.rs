@@ -126,6 +126,9 @@ fn the_player_works_in_a_browser() {
     says("scrubbed", "2.0 s");
     says("hover", "vehicle ");
     says("clicked", "vehicle ");
+    says("addressed", "5.5 s, vehicle 25: ");
+    says("ready", "10 s of traffic, 2 vehicles, 14 forecasts");
+    assert_eq!(found["tip"], serde_json::json!([true, true]), "{found}");
     says("theme", "dark");
     // A picture of a blank page is a few kB.
     let picture = folder.path().join("report.png");

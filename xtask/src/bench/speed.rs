@@ -98,7 +98,7 @@ pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
         comparison.table(peers)
     ));
     if json {
-        terminal.result(&serde_json::to_string(&comparison)?);
+        terminal.for_programs(&serde_json::to_string(&comparison)?);
     }
     Ok(())
 }

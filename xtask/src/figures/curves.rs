@@ -4,7 +4,7 @@ use anyhow::Result;
 use gnp_eval::{ALL_SITES, Protocol, Score, load_scores};
 use gnp_modes::ModeFrame;
 use gnp_plot::{
-    ChartPanel, Figure, Intentions, Scaling, Series, Source, charts, intentions, reliability as diagram,
+    ChartPanel, Figure, GivenMode, Intentions, Scaling, Series, Source, charts, intentions, reliability as diagram,
     reliability_bins,
 };
 use gnp_train::History;
@@ -88,10 +88,17 @@ pub(super) fn reliability(material: &Material<'_>) -> Figure {
     let mut modes = Vec::new();
     for (window, forecast) in material.windows.iter().zip(material.forecasts) {
         let (right, _) = nearest(forecast, window);
-        modes.extend(forecast.modes.iter().enumerate().map(|(i, mode)| (f64::from(mode.probability), i == right)));
+        let key = window.key();
+        modes.extend(forecast.modes.iter().enumerate().map(|(i, mode)| GivenMode {
+            probability: f64::from(mode.probability),
+            right: i == right,
+            vehicle: (key.recording.clone(), key.vehicle),
+        }));
     }
+    let bootstrap = &material.session.config.evaluate.bootstrap;
+    let interval = |counts: &[[u64; 2]]| bootstrap.share(counts).map(|interval| [interval.low, interval.high]);
     let k = material.session.config.predict.k;
-    diagram(&reliability_bins(&modes, BINS), k, material.windows.len(), &material.source)
+    diagram(&reliability_bins(&modes, BINS, interval), k, material.windows.len(), &material.source)
 }
 
 /// Training loss and the validation score that chooses the epoch, of every stage.

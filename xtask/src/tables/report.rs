@@ -6,9 +6,11 @@ use std::path::Path;
 use anyhow::Result;
 use gnp_data::Split;
 use gnp_eval::{Comparison, Evaluation, Score, TableHead, comparison_tables, csv, save_comparisons, tables};
+use gnp_plot::Source;
 use serde::Serialize;
 
 use crate::evaluate::remarks;
+use crate::figures;
 use crate::modes::kinds;
 use crate::run_folder::{write, write_json};
 use crate::session::Session;
@@ -85,6 +87,15 @@ impl Scored {
         Ok(self)
     }
 
+    /// What was scored, in words.
+    fn part(&self) -> String {
+        let part = self.session.config.evaluate.part.name();
+        match self.hashes.len() {
+            1 => format!("{part} part"),
+            folds => format!("{part} parts of {folds} folds"),
+        }
+    }
+
     /// How the windows were parted, folds included.
     fn split(&self) -> String {
         match self.hashes.len() {
@@ -140,6 +151,18 @@ pub(crate) fn write_report(report: &Report<'_>, scored: &Scored, folder: &Path) 
     write(&folder.join(format!("{}.csv", report.stem)), cells.as_bytes())?;
     write_json(&folder.join(format!("{}.json", report.stem)), &content)?;
     write(&folder.join(format!("{}.md", report.stem)), markdown.as_bytes())?;
+    let names: Vec<&str> = scored.systems.iter().map(String::as_str).collect();
+    let figure = figures::scores::Scored {
+        ours: report.ours,
+        systems: &names,
+        scores: &scores,
+        differences: &differences,
+        source: Source {
+            words: format!("{}, {}", session.folder.state.data.words, scored.part()),
+            simulated: session.folder.state.data.simulated,
+        },
+    };
+    figures::scores::save(report.stem, &figure, folder)?;
     let place = folder.join(report.stem);
     terminal.note(&format!("table: {0}.md, {0}.csv, {0}.json", place.display()));
     Ok(())

@@ -9,7 +9,13 @@
   const [road, chart, slider, tip, status] = ["road", "chart", "time", "tip", "status"].map(byId);
   const pen = road.getContext("2d");
   const plot = chart.getContext("2d");
-  const COLOURS = { goal: "#f5c400", neighbours: "#0072b2", lines: "#000000", target: "#d55e00", best: "#8b0000", others: "#32cd32" };
+  const COLOURS = { goal: "#f5c400", neighbours: "#0072b2", lines: "#000000", target: "#d55e00", others: "#32cd32" };
+  // Colours that differ between light and dark stand in the style sheet.
+  let look = {};
+  const readLook = () => {
+    const style = getComputedStyle(document.documentElement);
+    for (const name of ["ink", "road", "edge", "lane", "past", "best", "test", "other", "near", "hull"]) look[name] = style.getPropertyValue(`--${name}`).trim();
+  };
   const SLOTS = ["ahead", "behind", "left ahead", "left beside", "left behind", "right ahead", "right beside", "right behind"];
 
   const state = {
@@ -32,6 +38,8 @@
   const allX = vehicles.flatMap((v) => [v.x[0], v.x[v.x.length - 1]]);
   const range = { x: [Math.min(...allX) - 5, Math.max(...allX) + 5], y: [Math.min(...ys, ...vehicles.map((v) => Math.min(...v.y))) - 2, Math.max(...ys, ...vehicles.map((v) => Math.max(...v.y))) + 2] };
   state.centre = (range.x[0] + range.x[1]) / 2;
+  // At first a metre has at least 7 px, so that vehicles have the form of vehicles; the view follows the picked one.
+  state.zoom = Math.min(Math.max(((range.x[1] - range.x[0]) * 7) / Math.max(road.getBoundingClientRect().width, 1), 1), 12);
 
   const at = (v, frame) => {
     const i = frame - v.first;
@@ -64,7 +72,6 @@
   let view = { width: 1, height: 1, sx: 1, sy: 1 };
   const px = (x) => (x - state.centre) * view.sx + view.width / 2;
   const py = (y) => view.height / 2 - (y - (range.y[0] + range.y[1]) / 2) * view.sy;
-  const ink = () => getComputedStyle(document.body).color;
   const fit = (canvas, context) => {
     const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
     const [w, h] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
@@ -99,18 +106,19 @@
   };
 
   const draw = () => {
+    readLook();
     const picked = vehicles[state.picked];
     const here = picked && at(picked, state.frame);
     if (here && state.zoom > 1) state.centre = here[0];
     [view.width, view.height] = fit(road, pen);
     view.sx = (view.width / (range.x[1] - range.x[0])) * state.zoom;
     view.sy = view.height / (range.y[1] - range.y[0]);
-    pen.fillStyle = "#eef0f3";
+    pen.fillStyle = look.road;
     pen.fillRect(0, py(Math.max(...ys)), view.width, py(Math.min(...ys)) - py(Math.max(...ys)));
     for (const line of data.lines) {
       const y = py(cm(line.y));
       pen.beginPath(); pen.moveTo(0, y); pen.lineTo(view.width, y);
-      pen.strokeStyle = line.boundary ? "#333" : "#777"; pen.lineWidth = line.boundary ? 2 : 1;
+      pen.strokeStyle = line.boundary ? look.edge : look.lane; pen.lineWidth = line.boundary ? 2 : 1;
       pen.setLineDash(line.boundary ? [] : [9, 7]); pen.stroke(); pen.setLineDash([]);
     }
     const forecast = picked && forecastOf(picked, state.frame);
@@ -118,17 +126,17 @@
     vehicles.forEach((v, i) => {
       const place = at(v, state.frame);
       if (!place) return;
-      box(v, place, i === state.picked ? COLOURS.target : near.has(i) ? "#8fc1e3" : v.test ? "#aeb6c2" : "#d4d9e0", i === state.hover ? "#d55e00" : near.has(i) ? "#0072b2" : "#4a5260");
+      box(v, place, i === state.picked ? COLOURS.target : near.has(i) ? look.near : v.test ? look.test : look.other, i === state.hover ? COLOURS.target : near.has(i) ? COLOURS.neighbours : look.hull);
     });
     if (picked && here) {
       const past = [];
       for (let f = Math.max(picked.first, state.frame - data.observed * data.rate); f <= state.frame; f += 1) past.push(at(picked, f));
-      stroke(past.filter(Boolean), "#56606e", 2.5);
+      stroke(past.filter(Boolean), look.past, 2.5);
     }
     if (forecast) {
       const likeliest = pathOf(forecast, 0), step = (state.frame - forecast.frame) / data.rate / data.every;
       if (state.modes) forecast.modes.forEach((m, i) => i && stroke(pathOf(forecast, i), COLOURS.others, 1.6));
-      stroke(likeliest, COLOURS.best, 2.6);
+      stroke(likeliest, look.best, 2.6);
       const ghost = along(likeliest, step);
       if (step > 0.01) box(picked, ghost, null, COLOURS.target, [3, 2]);
       if (state.forces) {
@@ -136,15 +144,15 @@
         for (const part of ["lines", "neighbours", "goal"]) arrow(ghost, s[part], COLOURS[part]);
       }
     }
-    pen.fillStyle = "#333"; pen.font = "12px system-ui, sans-serif";
+    pen.font = "12px system-ui, sans-serif"; pen.fillStyle = look.ink;
     const bar = [5, 10, 20, 50, 100].find((m) => m * view.sx > 60) || 100;
-    pen.fillStyle = ink();
     pen.fillRect(10, view.height - 10, bar * view.sx, 2);
     pen.fillText(`${bar} m; lateral axis stretched ×${(view.sy / view.sx).toFixed(1)}`, 14 + bar * view.sx, view.height - 6);
-    const right = view.width - 120;
-    pen.fillRect(right - force * pxPerForce, view.height - 10, force * pxPerForce, 2);
-    pen.fillText(`force ${force} m/s²`, right + 6, view.height - 6);
-    if (data.simulated) { pen.font = "bold 13px system-ui, sans-serif"; pen.fillText("simulated", view.width - 80, 16); }
+    // Where there is little room, at the upper edge.
+    const [right, base] = [view.width - 100, view.width < 560 ? 14 : view.height - 6];
+    pen.fillRect(right - force * pxPerForce, base - 4, force * pxPerForce, 2);
+    pen.fillText(`force ${force} m/s²`, right + 6, base);
+    if (data.simulated) { pen.font = "bold 13px system-ui, sans-serif"; pen.fillText("simulated", 10, 16); }
     drawChart(forecast);
     slider.value = state.frame;
     byId("play").textContent = state.playing ? "Pause" : "Play";
@@ -156,16 +164,18 @@
   // tau and the strengths of the neighbours over the horizon of the forecast shown.
   const drawChart = (forecast) => {
     const [w, h] = fit(chart, plot);
-    plot.font = "11px system-ui, sans-serif"; plot.fillStyle = ink();
+    plot.font = "11px system-ui, sans-serif"; plot.fillStyle = look.ink;
     if (!forecast) { plot.fillText("τ and k over the forecast of the picked vehicle", 10, 16); return; }
-    const half = (w - 80) / 2, steps = forecast.steps, end = data.horizon;
-    const panel = (left, title, curves) => {
+    // Beside each other, or below each other where there is little room.
+    const narrow = w < 560, legend = 100, steps = forecast.steps, end = data.horizon;
+    const [wide, high] = narrow ? [w - legend, h / 2] : [(w - legend) / 2, h];
+    const panel = (left, upper, title, curves) => {
       const top = Math.max(...curves.flatMap((c) => c.values), 1e-3) * 1.1;
-      const X = (s) => left + 42 + (s / end) * (half - 60), Y = (v) => h - 22 - (v / top) * (h - 44);
-      plot.fillStyle = ink(); plot.strokeStyle = ink(); plot.lineWidth = 1;
-      plot.strokeRect(X(0), Y(top), half - 60, h - 44);
-      plot.fillText(title, X(0), 14);
-      for (const s of [0, 1, 2, 3, 4, 5].filter((s) => s <= end)) plot.fillText(`${s} s`, X(s) - 6, h - 8);
+      const X = (s) => left + 42 + (s / end) * (wide - 60), Y = (v) => upper + high - 22 - (v / top) * (high - 44);
+      plot.fillStyle = look.ink; plot.strokeStyle = look.ink; plot.lineWidth = 1;
+      plot.strokeRect(X(0), Y(top), wide - 60, high - 44);
+      plot.fillText(title, X(0), upper + 14);
+      for (const s of [0, 1, 2, 3, 4, 5].filter((s) => s <= end)) plot.fillText(`${s} s`, X(s) - 6, upper + high - 8);
       for (const v of [0, top / 2.2, top / 1.1]) plot.fillText(v.toPrecision(2), left + 4, Y(v) + 4);
       for (const { values, colour, dash } of curves) {
         plot.beginPath();
@@ -175,11 +185,16 @@
       const now = Math.min((state.frame - forecast.frame) / data.rate, end);
       plot.strokeStyle = COLOURS.target; plot.beginPath(); plot.moveTo(X(now), Y(0)); plot.lineTo(X(now), Y(top)); plot.stroke();
     };
-    panel(0, "relaxation time τ (s)", [{ values: steps.map((s) => s.tau), colour: "#c99c00", dash: [] }]);
-    const colours = ["#0072b2", "#56b4e9", "#009e73", "#e69f00", "#cc79a7", "#d55e00", "#7f7f7f", "#8b0000"];
+    panel(0, 0, "relaxation time τ (s)", [{ values: steps.map((s) => s.tau), colour: "#c99c00", dash: [] }]);
+    const colours = ["#0072b2", "#56b4e9", "#009e73", "#e69f00", "#cc79a7", "#d55e00", "#7f7f7f", "#a6761d"];
     const present = SLOTS.map((_, i) => i).filter((i) => forecast.neighbours[i] !== -2);
-    panel(half, "strength k of the neighbours (m/s²)", present.length ? present.map((i) => ({ values: steps.map((s) => s.k[i]), colour: colours[i], dash: i % 2 ? [5, 3] : [] })) : [{ values: [0], colour: "#777", dash: [] }]);
-    present.forEach((i, n) => { plot.fillStyle = colours[i]; plot.fillText(SLOTS[i], w - 84, 30 + 12 * n); });
+    panel(narrow ? 0 : wide, narrow ? high : 0, "strength k of the neighbours (m/s²)", present.length ? present.map((i) => ({ values: steps.map((s) => s.k[i]), colour: colours[i], dash: i % 2 ? [5, 3] : [] })) : [{ values: [0], colour: "#777", dash: [] }]);
+    present.forEach((i, n) => {
+      const y = (narrow ? high : 0) + 30 + 13 * n;
+      plot.beginPath(); plot.moveTo(w - legend - 8, y - 4); plot.lineTo(w - legend + 10, y - 4);
+      plot.strokeStyle = colours[i]; plot.lineWidth = 2.4; plot.setLineDash(i % 2 ? [5, 3] : []); plot.stroke(); plot.setLineDash([]);
+      plot.fillStyle = look.ink; plot.fillText(SLOTS[i], w - legend + 14, y);
+    });
   };
 
   const setFrame = (frame) => { state.frame = Math.min(Math.max(frame, 0), data.frames - 1); draw(); };
@@ -244,7 +259,11 @@
     const found = under(event);
     if (found !== state.hover) { state.hover = found; draw(); }
     tip.hidden = found < 0;
-    if (found >= 0) { tip.textContent = describe(found); tip.style.left = `${event.clientX + 14}px`; tip.style.top = `${event.clientY + 14}px`; }
+    if (found < 0) return;
+    tip.textContent = describe(found);
+    // Beside the pointer, and on the page.
+    tip.style.left = `${Math.max(Math.min(event.clientX + 14, innerWidth - tip.offsetWidth - 8), 0)}px`;
+    tip.style.top = `${Math.max(Math.min(event.clientY + 14, innerHeight - tip.offsetHeight - 8), 0)}px`;
   });
   road.addEventListener("mouseleave", () => { tip.hidden = true; state.hover = -1; draw(); });
   const KEYS = {
@@ -262,5 +281,20 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   addEventListener("resize", draw);
   slider.max = data.frames - 1;
-  pickNext(1);
+  // `report.html#t=12.5&vehicle=7&theme=dark` opens that moment; without a vehicle the one of the test part with the
+  // most neighbours in its forecast.
+  const open = () => {
+    const asked = new URLSearchParams(location.hash.slice(1));
+    if (["light", "dark"].includes(asked.get("theme"))) document.documentElement.dataset.theme = asked.get("theme");
+    state.frame = Math.min(Math.max(Math.round((Number(asked.get("t")) || 0) * data.rate), 0), data.frames - 1);
+    const there = vehicles.map((v, i) => i).filter((i) => at(vehicles[i], state.frame));
+    const busy = (i) => { const f = forecastOf(vehicles[i], state.frame); return (vehicles[i].test ? 100 : 0) + (f ? 1 + f.neighbours.filter((n) => n !== -2).length : 0); };
+    const named = vehicles.findIndex((v) => String(v.id) === asked.get("vehicle"));
+    pick(named >= 0 ? named : there.length ? there.reduce((best, i) => (busy(i) > busy(best) ? i : best)) : -1);
+  };
+  addEventListener("hashchange", open);
+  open();
+  addEventListener("load", () => {
+    byId("ready").textContent = `Ready after ${(performance.now() / 1000).toFixed(2)} s: ${(data.frames / data.rate).toFixed(0)} s of traffic, ${vehicles.length} vehicles, ${data.forecasts.length} forecasts.`;
+  });
 })();

@@ -4,6 +4,8 @@
 
 use std::collections::BTreeMap;
 
+use resvg::usvg::{Group, Node, Options, Tree};
+
 /// An element of an SVG document.
 #[derive(Clone, Debug)]
 pub(crate) struct Element {
@@ -87,4 +89,37 @@ fn attributes_of(text: &str) -> BTreeMap<String, String> {
 /// Those of a tag and a class.
 pub(crate) fn of<'a>(elements: &'a [Element], name: &str, class: &str) -> Vec<&'a Element> {
     elements.iter().filter(|e| e.name == name && e.is(class)).collect()
+}
+
+/// Every text of a drawing with its box (left, top, right, bottom) as it is painted; panics where a letter has no
+/// glyph.
+pub(crate) fn labels(svg: &str) -> Vec<(String, [f32; 4])> {
+    let mut options = Options::default();
+    for font in [&include_bytes!("../../fonts/DejaVuSans.ttf")[..], include_bytes!("../../fonts/DejaVuSans-Bold.ttf")] {
+        options.fontdb_mut().load_font_data(font.to_vec());
+    }
+    let tree = Tree::from_str(svg, &options).unwrap();
+    let mut found = Vec::new();
+    collect(tree.root(), &mut found);
+    found
+}
+
+fn collect(group: &Group, found: &mut Vec<(String, [f32; 4])>) {
+    for node in group.children() {
+        match node {
+            Node::Group(inner) => collect(inner, found),
+            Node::Text(text) => {
+                let words: String = text.chunks().iter().map(|chunk| chunk.text()).collect();
+                let glyphs = text.layouted().iter().flat_map(|span| &span.positioned_glyphs);
+                assert!(glyphs.clone().count() > 0, "{words:?} is not drawn");
+                for glyph in glyphs {
+                    assert_ne!(glyph.id.0, 0, "no glyph for {:?} in {words:?}", glyph.text);
+                }
+                let area = text.abs_bounding_box();
+                // A box has room above and below its letters.
+                found.push((words, [area.left(), area.top() + 1., area.right(), area.bottom() - 1.]));
+            }
+            _ => {}
+        }
+    }
 }
