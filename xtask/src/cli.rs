@@ -113,6 +113,12 @@ Example:
 
 One file that needs no network: open runs/ngsim/report.html in a browser.")]
     Report(ReportArgs),
+    /// Write the minute of the scene player as a file for the Rerun viewer; needs a build with the feature `rerun`.
+    #[command(after_help = "\
+Example:
+  cargo run --package xtask --features rerun -- replay --run runs/ngsim --rrd ngsim.rrd
+  rerun ngsim.rrd                         the viewer, from `pip install rerun-sdk` of the version that is printed")]
+    Replay(ReplayArgs),
     /// Measure speed: ours and the floor; with a flag ratios that gate, a whole frame, or PyTorch and JAX beside it.
     #[command(after_help = "\
 Examples:
@@ -189,6 +195,23 @@ pub(crate) struct ReportArgs {
     /// The finished run.
     #[arg(long, value_name = "DIR")]
     pub(crate) run: PathBuf,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to replay, where to.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct ReplayArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// File to write; one that is there is replaced.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) rrd: PathBuf,
+    /// Vehicle whose forecasts are shown at first [default: of the test part the one that moves sideways most].
+    #[arg(long, value_name = "NUMBER")]
+    pub(crate) vehicle: Option<u32>,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

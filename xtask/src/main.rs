@@ -13,6 +13,7 @@ mod memory;
 mod modes;
 mod pipeline;
 mod project;
+mod replay;
 mod report;
 mod run_folder;
 mod score_file;
@@ -20,6 +21,7 @@ mod score_run;
 mod session;
 mod source;
 mod stop;
+mod stretch;
 mod tables;
 mod terminal;
 mod tidy;
@@ -66,6 +68,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Table2(args) => tables::table2(&args),
         Command::Figures(args) => figures::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Bench(args) => bench::run(&args, &Terminal::start(args.quiet, false)),
         Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),
         Command::Tidy => tidy::run(&project::root()),

@@ -2,29 +2,23 @@
 
 mod player;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use gnp_data::Split;
 use gnp_plot::{Report, ReportTable};
 
 use crate::cli::ReportArgs;
-use crate::config::RunConfig;
 use crate::figures;
 use crate::ingest::IngestReport;
 use crate::modes::kinds;
-use crate::run_folder::{RunFolder, Stage, write};
-use crate::session::{Machine, Session};
+use crate::run_folder::write;
+use crate::session::Session;
 
 /// Writes `report.html` to the run folder.
 ///
 /// # Errors
 /// When the run is not finished or a file of it cannot be used.
 pub(crate) fn run(args: &ReportArgs) -> Result<()> {
-    let folder = RunFolder::open(&args.run)?;
-    if !folder.has(Stage::Evaluate) {
-        bail!("{} is not finished; run `cargo xtask pipeline --resume --out {0}` first", args.run.display());
-    }
-    let config = RunConfig::read(&folder.path("config.toml"), &[])?;
-    let session = Session::new(folder, config, Machine::start(&args.machine)?);
+    let session = Session::finished(&args.run, &args.machine)?;
     let set = session.windows()?;
     let split = Split::load(&set, &session.folder.path("split.json"))?;
     let state = &session.folder.state;

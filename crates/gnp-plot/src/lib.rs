@@ -15,7 +15,7 @@ mod field;
 mod figure;
 mod force_chart;
 mod intention;
-mod palette;
+pub mod palette;
 mod reliability;
 mod report;
 mod road_view;
