@@ -70,7 +70,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Report(args) => report::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Bench(args) => bench::run(&args, &Terminal::start(args.quiet, false)),
-        Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),
+        Command::Ci { rerun } => ci::run(&project::root(), rerun, &Terminal::start(false, false)),
         Command::Tidy => tidy::run(&project::root()),
     }
 }

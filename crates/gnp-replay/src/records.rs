@@ -181,6 +181,9 @@ fn points([x, y]: [f32; 2], mode: &Mode, every: usize) -> Vec<[f32; 2]> {
     std::iter::once([x, y]).chain(path.map(|[dx, dy]| [x + dx, y + dy])).collect()
 }
 
+/// One of the forces of a step, m/s².
+type Part = fn(&StepForces) -> [f32; 2];
+
 /// A force acts from the point where the vehicle is before the step.
 fn forces(
     id: u32,
@@ -193,7 +196,7 @@ fn forces(
 ) {
     let shown: Vec<&StepForces> = steps.iter().step_by(every).collect();
     let origins: Vec<[f32; 2]> = points(origin, mode, every).into_iter().take(shown.len()).collect();
-    let parts: [(&str, Colour, fn(&StepForces) -> [f32; 2]); 3] = [
+    let parts: [(&str, Colour, Part); 3] = [
         ("goal", Colour::GOAL, |step| step.goal),
         ("neighbours", Colour::NEIGHBOURS, |step| step.neighbours),
         ("lines", Colour::LINES, |step| step.lines),
