@@ -31,14 +31,67 @@ const COMPILED: [Step; 2] = [
     },
 ];
 
+/// The feature `rerun`, which compiles some 250 packages more and the others once more with other features: when asked for.
+const RERUN: [Step; 3] = [
+    Step {
+        name: "clippy with rerun",
+        arguments: &[
+            "clippy",
+            "--package",
+            "gnp-replay",
+            "--package",
+            "xtask",
+            "--features",
+            "xtask/rerun",
+            "--all-targets",
+            "--",
+            "--deny",
+            "warnings",
+        ],
+        environment: &[],
+    },
+    Step {
+        name: "files for rerun",
+        arguments: &[
+            "test",
+            "--package",
+            "gnp-replay",
+            "--package",
+            "xtask",
+            "--features",
+            "xtask/rerun",
+            "--test",
+            "replay",
+        ],
+        environment: &[],
+    },
+    Step {
+        name: "replay with rerun",
+        arguments: &[
+            "test",
+            "--package",
+            "gnp-replay",
+            "--package",
+            "xtask",
+            "--features",
+            "xtask/rerun",
+            "--test",
+            "cli",
+            "replay",
+        ],
+        environment: &[],
+    },
+];
+
 /// Last, and nothing is printed after it: the output ends with the test harness's own lines.
 const TEST: Step = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
-/// Runs format, tidy, clippy, doc, the ratios of `bench --check --quick` and test; stops at the first that fails.
+/// Runs format, tidy, clippy, doc, the ratios of `bench --check --quick`, with `rerun` what needs that feature, and test;
+/// stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
-pub(crate) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
+pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     step(root, terminal, &FORMAT)?;
     let started = Instant::now();
     terminal.note("ci: tidy");
@@ -49,6 +102,9 @@ pub(crate) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
     terminal.note("ci: bench (cargo xtask bench --check --quick)");
     bench::check(bench::Profile::Quick, terminal).context("ci: bench failed")?;
     terminal.note(&format!("ci: bench passed in {}", duration(started.elapsed())));
+    if rerun {
+        RERUN.iter().try_for_each(|one| step(root, terminal, one))?;
+    }
     step(root, terminal, &TEST)
 }
 

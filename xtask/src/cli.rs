@@ -121,6 +121,12 @@ Example:
 
 Writes report.html of the run as well. Pictures of the report need Chromium; without it they stay.")]
     Gallery(GalleryArgs),
+    /// Write the minute of the scene player as a file for the Rerun viewer; needs a build with the feature `rerun`.
+    #[command(after_help = "\
+Example:
+  cargo run --package xtask --features rerun -- replay --run runs/ngsim --rrd ngsim.rrd
+  rerun ngsim.rrd                         the viewer, from `pip install rerun-sdk` of the version that is printed")]
+    Replay(ReplayArgs),
     /// Measure speed: ours and the floor; with a flag ratios that gate, a whole frame, or PyTorch and JAX beside it.
     #[command(after_help = "\
 Examples:
@@ -132,7 +138,11 @@ Examples:
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
     /// Run the project's checks: format, tidy, clippy, docs, ratios of times, tests.
-    Ci,
+    Ci {
+        /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
+        #[arg(long)]
+        rerun: bool,
+    },
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
     Tidy,
 }
@@ -217,6 +227,23 @@ pub(crate) struct GalleryArgs {
     /// Folder for the pictures [default: docs/pictures]; pictures there are replaced.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to replay, where to.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct ReplayArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// File to write; one that is there is replaced.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) rrd: PathBuf,
+    /// Vehicle whose forecasts are shown at first [default: of the test part the one that moves sideways most].
+    #[arg(long, value_name = "NUMBER")]
+    pub(crate) vehicle: Option<u32>,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

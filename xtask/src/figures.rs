@@ -15,7 +15,6 @@ use gnp_plot::{Figure, Painter, Source};
 
 use crate::cli::FigureArgs;
 use crate::ingest;
-use crate::report;
 use crate::run_folder::write;
 use crate::session::Session;
 use crate::source;
@@ -43,7 +42,7 @@ struct Material<'a> {
 /// # Errors
 /// When the run is not finished, other recordings are not of its kind, or a file cannot be written.
 pub(crate) fn run(args: &FigureArgs) -> Result<()> {
-    let session = report::open(&args.run, &args.machine)?;
+    let session = Session::finished(&args.run, &args.machine)?;
     let out = args.out.clone().unwrap_or_else(|| session.folder.path("figures"));
     let figures = draw(&session, args.data_dir.as_ref())?;
     save(&figures, &out)?;

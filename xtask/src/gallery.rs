@@ -10,6 +10,7 @@ use crate::cli::GalleryArgs;
 use crate::project;
 use crate::report;
 use crate::run_folder::write;
+use crate::session::Session;
 use crate::terminal::Terminal;
 
 /// Names under which Chromium is installed.
@@ -27,7 +28,7 @@ const MOMENTS: [(&str, &str); 2] = [("report.png", "#t=30&theme=light"), ("repor
 /// When the run is not finished, a table has no figures, or a file cannot be written.
 pub(crate) fn run(args: &GalleryArgs) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| project::root().join("docs/pictures"));
-    let session = report::open(&args.run, &args.machine)?;
+    let session = Session::finished(&args.run, &args.machine)?;
     let (page, figures) = report::write_page(&session)?;
     fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let terminal = session.terminal();
@@ -69,8 +70,8 @@ fn figures_of(stem: &str, folder: &Path) -> Result<Vec<String>> {
 
 /// Pictures of the report in a browser without a window, light and dark; without a browser it says so.
 fn photograph(page: &Path, out: &Path, terminal: &Terminal) -> Result<()> {
-    let works = |name: &&str| {
-        let version = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let works = |name: &&&str| {
+        let version = Command::new(**name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
         version.is_ok_and(|status| status.success())
     };
     let Some(browser) = BROWSERS.iter().find(works) else {

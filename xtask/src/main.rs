@@ -14,6 +14,7 @@ mod memory;
 mod modes;
 mod pipeline;
 mod project;
+mod replay;
 mod report;
 mod run_folder;
 mod score_file;
@@ -21,6 +22,7 @@ mod score_run;
 mod session;
 mod source;
 mod stop;
+mod stretch;
 mod tables;
 mod terminal;
 mod tidy;
@@ -68,8 +70,9 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Figures(args) => figures::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Gallery(args) => gallery::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Bench(args) => bench::run(&args, &Terminal::start(args.quiet, false)),
-        Command::Ci => ci::run(&project::root(), &Terminal::start(false, false)),
+        Command::Ci { rerun } => ci::run(&project::root(), rerun, &Terminal::start(false, false)),
         Command::Tidy => tidy::run(&project::root()),
     }
 }

@@ -2,42 +2,28 @@
 
 mod player;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use gnp_data::Split;
 use gnp_plot::{Figure, Report, ReportTable};
 
-use crate::cli::{MachineArgs, ReportArgs};
-use crate::config::RunConfig;
+use crate::cli::ReportArgs;
 use crate::figures;
 use crate::ingest::IngestReport;
 use crate::modes::kinds;
-use crate::run_folder::{RunFolder, Stage, write};
-use crate::session::{Machine, Session};
+use crate::run_folder::write;
+use crate::session::Session;
 
 /// Writes `report.html` to the run folder.
 ///
 /// # Errors
 /// When the run is not finished or a file of it cannot be used.
 pub(crate) fn run(args: &ReportArgs) -> Result<()> {
-    let session = open(&args.run, &args.machine)?;
+    let session = Session::finished(&args.run, &args.machine)?;
     let (page, _) = write_page(&session)?;
     session.terminal().result(&format!("report: {}", page.display()));
     Ok(())
-}
-
-/// A finished run.
-///
-/// # Errors
-/// When it is not finished.
-pub(crate) fn open(run: &Path, machine: &MachineArgs) -> Result<Session> {
-    let folder = RunFolder::open(run)?;
-    if !folder.has(Stage::Evaluate) {
-        bail!("{} is not finished; run `cargo xtask pipeline --resume --out {0}` first", run.display());
-    }
-    let config = RunConfig::read(&folder.path("config.toml"), &[])?;
-    Ok(Session::new(folder, config, Machine::start(machine)?))
 }
 
 /// Writes the page and says where it is, with the figures in it.

@@ -1,6 +1,7 @@
 //! A run being worked on: its folder, its configuration, its recordings, the machine.
 
 use std::cell::OnceCell;
+use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 use candle_core::Device;
@@ -10,7 +11,7 @@ use gnp_model::Features;
 use crate::cli::{DeviceName, MachineArgs};
 use crate::config::RunConfig;
 use crate::ingest::IngestReport;
-use crate::run_folder::RunFolder;
+use crate::run_folder::{RunFolder, Stage};
 use crate::stop;
 use crate::terminal::Terminal;
 
@@ -69,6 +70,19 @@ impl Session {
     /// Goes to work on a folder.
     pub(crate) fn new(folder: RunFolder, config: RunConfig, machine: Machine) -> Self {
         Self { folder, config: config.seeded(), machine, recordings: OnceCell::new() }
+    }
+
+    /// Goes to work on the folder of a finished run, with its own configuration.
+    ///
+    /// # Errors
+    /// When it is not a run folder or the run is not finished, or the machine is not what is asked for.
+    pub(crate) fn finished(run: &Path, machine: &MachineArgs) -> Result<Self> {
+        let folder = RunFolder::open(run)?;
+        if !folder.has(Stage::Evaluate) {
+            bail!("{} is not finished; run `cargo xtask pipeline --resume --out {0}` first", run.display());
+        }
+        let config = RunConfig::read(&folder.path("config.toml"), &[])?;
+        Ok(Self::new(folder, config, Machine::start(machine)?))
     }
 
     /// What the user sees.

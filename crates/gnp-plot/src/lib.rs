@@ -17,7 +17,7 @@ mod field;
 mod figure;
 mod force_chart;
 mod intention;
-mod palette;
+pub mod palette;
 mod png;
 mod reliability;
 mod report;

@@ -2,31 +2,31 @@
 //! and, by lightness and dashes, without colour.
 
 /// Pull of the goal.
-pub(crate) const GOAL: &str = "#f5c400";
+pub const GOAL: &str = "#f5c400";
 /// Rim that makes yellow visible on white.
 pub(crate) const GOAL_RIM: &str = "#6b5300";
 /// Push of neighbours.
-pub(crate) const NEIGHBOURS: &str = "#0072b2";
+pub const NEIGHBOURS: &str = "#0072b2";
 /// Push of lane lines.
-pub(crate) const LINES: &str = "#000000";
+pub const LINES: &str = "#000000";
 /// All forces together.
 pub(crate) const TOTAL: &str = "#d55e00";
 /// The best of K futures.
-pub(crate) const BEST: &str = "#8b0000";
+pub const BEST: &str = "#8b0000";
 /// The other futures.
-pub(crate) const OTHERS: &str = "#32cd32";
+pub const OTHERS: &str = "#32cd32";
 /// What happened.
 pub(crate) const TRUTH: &str = "#000000";
 /// What was observed.
-pub(crate) const HISTORY: &str = "#56606e";
+pub const HISTORY: &str = "#56606e";
 /// The target's box.
-pub(crate) const TARGET: &str = "#d55e00";
+pub const TARGET: &str = "#d55e00";
 /// Boxes of other vehicles.
-pub(crate) const VEHICLE: &str = "#aeb6c2";
+pub const VEHICLE: &str = "#aeb6c2";
 /// Asphalt.
-pub(crate) const ROAD: &str = "#eef0f3";
+pub const ROAD: &str = "#eef0f3";
 /// Frames and letters.
-pub(crate) const INK: &str = "#222222";
+pub const INK: &str = "#222222";
 /// Grid.
 pub(crate) const GRID: &str = "#dfe3e8";
 

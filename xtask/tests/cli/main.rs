@@ -6,5 +6,6 @@
 mod bad_input;
 mod pipeline;
 mod program;
+mod replay;
 mod settings;
 mod tables;

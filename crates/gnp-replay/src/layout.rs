@@ -1,0 +1,128 @@
+//! How the viewer lays a file out: the road, with a text behind it, and scalars of the picked
+//! vehicle beside it. Rerun calls it a blueprint, a second store in the file.
+
+use re_chunk::TimePoint;
+use re_log_types::TimeCell;
+use re_sdk_types::AsComponents;
+use re_sdk_types::blueprint::archetypes::{
+    Background, ContainerBlueprint, EyeControls3D, LineGrid3D, PanelBlueprint, TimePanelBlueprint, ViewBlueprint,
+    ViewContents, ViewportBlueprint,
+};
+use re_sdk_types::blueprint::components::{
+    BackgroundKind, ColumnShare, ContainerKind, IncludedContent, PanelState, QueryExpression, RootContainer,
+    TimelineName, ViewClass,
+};
+use re_sdk_types::components::Name;
+use re_sdk_types::external::uuid::Uuid;
+
+use crate::colour::Colour;
+use crate::error::ReplayError;
+use crate::rrd::{Chunks, color};
+use crate::scene::Scene;
+
+/// Where the eye is from the picked vehicle, m: above the right-hand side of the road, so that forward is to the right
+/// and left is up. How far, follows from the size of the ring.
+const EYE_M: [f32; 3] = [0., -35., 80.];
+
+/// Something that stands in a container.
+struct Part {
+    path: String,
+    /// Of the width, where the container is horizontal.
+    share: f32,
+}
+
+fn part(container: Uuid, share: f32) -> Part {
+    Part { path: format!("container/{container}"), share }
+}
+
+/// The blueprint as chunks.
+pub(crate) fn chunks(scene: &Scene) -> Result<Chunks, ReplayError> {
+    let mut blueprint = Blueprint::default();
+    let road = blueprint.road(scene)?;
+    let about = blueprint.view("TextDocument", "About", "/about", &["$origin"])?;
+    let left = blueprint.container(ContainerKind::Tabs, &[road, about])?;
+    let mut parts = vec![part(left, 2.)];
+    if let Some(id) = scene.picked {
+        let right = blueprint.scalars(id)?;
+        parts.push(part(right, 1.));
+    }
+    let root = blueprint.container(ContainerKind::Horizontal, &parts)?;
+    blueprint.add("viewport", &ViewportBlueprint::new().with_root_container(RootContainer(root.into())))?;
+    blueprint.add("time_panel", &TimePanelBlueprint::new().with_timeline(TimelineName::from("time")))?;
+    blueprint.add("selection_panel", &PanelBlueprint::new().with_state(PanelState::Collapsed))?;
+    Ok(blueprint.chunks)
+}
+
+#[derive(Default)]
+struct Blueprint {
+    chunks: Chunks,
+    /// Views and containers so far.
+    named: u128,
+}
+
+impl Blueprint {
+    fn add(&mut self, path: &str, part: &(impl AsComponents + Clone + 'static)) -> Result<(), ReplayError> {
+        let time = TimePoint::default().with_index("blueprint", TimeCell::from_sequence(0));
+        self.chunks.add(path, [(time, Box::new(part.clone()) as Box<dyn AsComponents>)])
+    }
+
+    fn name(&mut self) -> Uuid {
+        self.named += 1;
+        Uuid::from_u128(self.named)
+    }
+
+    fn view(&mut self, class: &str, name: &str, origin: &str, contents: &[&str]) -> Result<Part, ReplayError> {
+        let path = format!("view/{}", self.name());
+        let queries = contents.iter().map(|query| QueryExpression::from(*query));
+        self.add(&format!("{path}/ViewContents"), &ViewContents::new(queries))?;
+        let view =
+            ViewBlueprint::new(ViewClass::from(class)).with_display_name(Name::from(name)).with_space_origin(origin);
+        self.add(&path, &view)?;
+        Ok(Part { path, share: 1. })
+    }
+
+    fn container(&mut self, kind: ContainerKind, parts: &[Part]) -> Result<Uuid, ReplayError> {
+        let name = self.name();
+        let container = ContainerBlueprint::new(kind)
+            .with_contents(parts.iter().map(|part| IncludedContent::from(part.path.as_str())));
+        let shares = parts.iter().map(|part| ColumnShare::from(part.share));
+        let container = if kind == ContainerKind::Horizontal { container.with_col_shares(shares) } else { container };
+        self.add(&format!("container/{name}"), &container)?;
+        Ok(name)
+    }
+
+    fn road(&mut self, scene: &Scene) -> Result<Part, ReplayError> {
+        let forecasts = scene.picked.map(|id| format!("+ /forecasts/{id}/**"));
+        let mut contents = vec!["+ /road/**", "+ /vehicles/**", "+ /picked"];
+        contents.extend(forecasts.as_deref());
+        let road = self.view("3D", &scene.heading(), "/", &contents)?;
+        let background = Background::new(BackgroundKind::SolidColor).with_color(color(Colour::ROAD));
+        self.add(&format!("{}/Background", road.path), &background)?;
+        self.add(&format!("{}/LineGrid3D", road.path), &LineGrid3D::new().with_visible(false))?;
+        let picked = scene.vehicles.iter().find(|vehicle| scene.picked == Some(vehicle.id));
+        if let Some([x, y]) = picked.and_then(|vehicle| Some(vehicle.moments.first()?.centre)) {
+            let [dx, dy, z] = EYE_M;
+            let eye = EyeControls3D::new()
+                .with_position([x + dx, y + dy, z])
+                .with_look_target([x, y, 0.])
+                .with_tracking_entity("/picked");
+            self.add(&format!("{}/EyeControls3D", road.path), &eye)?;
+        }
+        Ok(road)
+    }
+
+    fn scalars(&mut self, id: u32) -> Result<Uuid, ReplayError> {
+        let mut parts = Vec::new();
+        for (name, entity) in [
+            ("Speed, m/s", "speed"),
+            ("Relaxation time, s", "tau"),
+            ("Strengths of neighbours, m/s²", "k"),
+            ("Strengths of lane lines", "k_lines"),
+            ("Probability of paths", "probability"),
+        ] {
+            let origin = format!("/scalars/{id}/{entity}");
+            parts.push(self.view("TimeSeries", &format!("{name}: vehicle {id}"), &origin, &["$origin/**"])?);
+        }
+        self.container(ContainerKind::Vertical, &parts)
+    }
+}

@@ -1,0 +1,242 @@
+//! From a scene to records.
+
+use std::collections::BTreeMap;
+
+use gnp_data::{LaneLine, LineKind, Mode, SLOTS, StepForces, VehicleClass};
+
+use crate::colour::Colour;
+use crate::record::{Drawing, Record, Row};
+use crate::scene::{Scene, SceneForecast, Vehicle};
+
+/// Length of an arrow for an acceleration of 1 m/s², m.
+pub const ARROW_M: f32 = 4.;
+/// Time between the points of a path, and between the arrows along it, s; or the next whole number of frames.
+pub const POINTS_APART_S: f64 = 0.5;
+
+/// Radius of the ring around the picked vehicle, m.
+pub const RING_M: f32 = 30.;
+
+/// Corners of the ring.
+const CORNERS: usize = 72;
+/// How far lane lines reach beyond the vehicles, m.
+const BEYOND_M: f32 = 20.;
+/// Names of the neighbour slots, in the order of [`gnp_data::Slot::ALL`].
+const SLOT_NAMES: [&str; SLOTS] =
+    ["ahead", "behind", "left ahead", "left beside", "left behind", "right ahead", "right beside", "right behind"];
+
+/// What each entity shows, ordered by path. The crate's page lists the entities.
+#[must_use]
+pub fn records(scene: &Scene) -> Vec<Record> {
+    let mut entities = Entities::default();
+    entities.add("/about", None, Drawing::Text(about(scene)));
+    road(scene, &mut entities);
+    for vehicle in &scene.vehicles {
+        boxes(scene, vehicle, &mut entities);
+        forecasts(scene, vehicle, &mut entities);
+    }
+    entities.finish()
+}
+
+/// Rows by entity.
+#[derive(Default)]
+struct Entities(BTreeMap<String, Vec<Row>>);
+
+impl Entities {
+    fn add(&mut self, entity: impl Into<String>, frame: Option<u32>, drawing: Drawing) {
+        self.0.entry(entity.into()).or_default().push(Row { frame, drawing });
+    }
+
+    /// Names the series of an entity, once.
+    fn name(&mut self, entity: &str, names: impl FnOnce() -> Vec<String>) {
+        if !self.0.contains_key(entity) {
+            self.add(entity, None, Drawing::Series(names()));
+        }
+    }
+
+    fn finish(self) -> Vec<Record> {
+        let sorted = |mut rows: Vec<Row>| {
+            rows.sort_by_key(|row| row.frame);
+            rows
+        };
+        self.0.into_iter().map(|(entity, rows)| Record { entity, rows: sorted(rows) }).collect()
+    }
+}
+
+fn road(scene: &Scene, entities: &mut Entities) {
+    let xs = scene.vehicles.iter().flat_map(|vehicle| &vehicle.moments).map(|moment| moment.centre[0]);
+    let (low, high) = xs.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+    if low > high {
+        return;
+    }
+    let ends = [low - BEYOND_M, high + BEYOND_M];
+    for (entity, kind, colour, radius) in [
+        ("/road/boundaries", LineKind::Boundary, Colour::BOUNDARY, 1.5),
+        ("/road/centre_lines", LineKind::Centre, Colour::CENTRE_LINE, 0.75),
+    ] {
+        let lines: Vec<&LaneLine> = scene.lines.iter().filter(|line| line.kind == kind).collect();
+        let strips = lines.iter().map(|line| ends.map(|x| [x, line.y]).to_vec()).collect();
+        let colours = vec![colour; lines.len()];
+        entities.add(entity, None, Drawing::Strips { strips, colours, radius, labels: Vec::new() });
+    }
+}
+
+fn boxes(scene: &Scene, vehicle: &Vehicle, entities: &mut Entities) {
+    let id = vehicle.id;
+    let picked = scene.picked == Some(id);
+    let colour = match (picked, vehicle.test) {
+        (true, _) => Colour::PICKED,
+        (false, true) => Colour::VEHICLE,
+        (false, false) => Colour::TRAINED,
+    };
+    let kind = match vehicle.class {
+        VehicleClass::Motorcycle => "motorcycle",
+        VehicleClass::Car => "car",
+        VehicleClass::Truck => "truck",
+    };
+    let (entity, speed) = (format!("/vehicles/{id}"), format!("/scalars/{id}/speed"));
+    entities.name(&speed, || vec!["speed, m/s".to_owned()]);
+    for moment in &vehicle.moments {
+        let label = format!("{kind} {id}");
+        let drawing = Drawing::Box { centre: moment.centre, size: vehicle.size, colour, label };
+        entities.add(&entity, Some(moment.frame), drawing);
+        let [vx, vy] = moment.velocity;
+        entities.add(&speed, Some(moment.frame), Drawing::Scalars(vec![vx.hypot(vy)]));
+        if picked {
+            entities.add("/picked", Some(moment.frame), ring(moment.centre));
+        }
+    }
+    // Without a word the viewer keeps what it was last told; in the last frame that is as it should be.
+    let after = vehicle.moments.last().map(|moment| moment.frame + scene.frame_step);
+    if let Some(after) = after.filter(|after| *after <= scene.last_frame()) {
+        let ring = picked.then(|| "/picked".to_owned());
+        for entity in [entity, format!("/forecasts/{id}")].into_iter().chain(ring) {
+            entities.add(entity, Some(after), Drawing::Gone);
+        }
+    }
+}
+
+/// Tells how far it is, and gives the eye something of a size to follow.
+fn ring([x, y]: [f32; 2]) -> Drawing {
+    let corner = |i: usize| {
+        let (sin, cos) = (i as f32 / CORNERS as f32 * std::f32::consts::TAU).sin_cos();
+        [x + RING_M * cos, y + RING_M * sin]
+    };
+    Drawing::Strips {
+        strips: vec![(0..=CORNERS).map(corner).collect()],
+        colours: vec![Colour::RING],
+        radius: 0.5,
+        labels: Vec::new(),
+    }
+}
+
+fn forecasts(scene: &Scene, vehicle: &Vehicle, entities: &mut Entities) {
+    let last_seen = vehicle.moments.last().map_or(0, |moment| moment.frame);
+    for (i, forecast) in vehicle.forecasts.iter().enumerate() {
+        let (Some(origin), Some(likeliest)) = (forecast.history.last(), forecast.modes.first()) else { continue };
+        let (id, frame) = (vehicle.id, Some(forecast.frame));
+        let history = Drawing::Strips {
+            strips: vec![forecast.history.clone()],
+            colours: vec![Colour::HISTORY],
+            radius: 1.5,
+            labels: Vec::new(),
+        };
+        entities.add(format!("/forecasts/{id}/history"), frame, history);
+        let every = every(scene, forecast);
+        entities.add(format!("/forecasts/{id}/futures"), frame, futures(*origin, &forecast.modes, every));
+        let probability = format!("/scalars/{id}/probability");
+        entities.name(&probability, || (1..=forecast.modes.len()).map(|i| format!("path {i}")).collect());
+        let probabilities = forecast.modes.iter().map(|mode| mode.probability).collect();
+        entities.add(probability, frame, Drawing::Scalars(probabilities));
+
+        let Some(explanation) = &likeliest.explanation else { continue };
+        forces(id, frame, *origin, likeliest, &explanation.steps, every, entities);
+        // Each forecast speaks until the next one does, or the vehicle is gone.
+        let next = vehicle.forecasts.get(i + 1).map_or(last_seen + 1, |next| next.frame);
+        let frames = (forecast.frame..next).step_by(forecast.frame_step.max(1) as usize);
+        for (frame, step) in frames.zip(&explanation.steps) {
+            parameters(id, frame, step, entities);
+        }
+    }
+}
+
+/// Predicted frames from one point shown to the next.
+fn every(scene: &Scene, forecast: &SceneForecast) -> usize {
+    let dt = f64::from(forecast.frame_step) / scene.rate_hz;
+    (POINTS_APART_S / dt).round().max(1.) as usize
+}
+
+fn futures(origin: [f32; 2], modes: &[Mode], every: usize) -> Drawing {
+    let colour = |i| if i == 0 { Colour::BEST } else { Colour::OTHERS };
+    Drawing::Strips {
+        strips: modes.iter().map(|mode| points(origin, mode, every)).collect(),
+        colours: (0..modes.len()).map(colour).collect(),
+        radius: 1.5,
+        labels: modes.iter().map(|mode| format!("{:.0} %", 100. * mode.probability)).collect(),
+    }
+}
+
+/// The origin, then every n-th predicted point.
+fn points([x, y]: [f32; 2], mode: &Mode, every: usize) -> Vec<[f32; 2]> {
+    let path = mode.path.iter().skip(every - 1).step_by(every);
+    std::iter::once([x, y]).chain(path.map(|[dx, dy]| [x + dx, y + dy])).collect()
+}
+
+/// One of the forces of a step, m/s².
+type Part = fn(&StepForces) -> [f32; 2];
+
+/// A force acts from the point where the vehicle is before the step.
+fn forces(
+    id: u32,
+    frame: Option<u32>,
+    origin: [f32; 2],
+    mode: &Mode,
+    steps: &[StepForces],
+    every: usize,
+    entities: &mut Entities,
+) {
+    let shown: Vec<&StepForces> = steps.iter().step_by(every).collect();
+    let origins: Vec<[f32; 2]> = points(origin, mode, every).into_iter().take(shown.len()).collect();
+    let parts: [(&str, Colour, Part); 3] = [
+        ("goal", Colour::GOAL, |step| step.goal),
+        ("neighbours", Colour::NEIGHBOURS, |step| step.neighbours),
+        ("lines", Colour::LINES, |step| step.lines),
+    ];
+    for (name, colour, part) in parts {
+        let vectors = shown.iter().map(|step| part(step).map(|a| a * ARROW_M)).collect();
+        let drawing = Drawing::Arrows { origins: origins.clone(), vectors, colour };
+        entities.add(format!("/forecasts/{id}/forces/{name}"), frame, drawing);
+    }
+}
+
+fn parameters(id: u32, frame: u32, step: &StepForces, entities: &mut Entities) {
+    let lines = || (1..=step.k_lines.len()).map(|i| format!("line {i} from the right")).collect();
+    let [tau, k, k_lines] = ["tau", "k", "k_lines"].map(|name| format!("/scalars/{id}/{name}"));
+    entities.name(&tau, || vec!["tau, s".to_owned()]);
+    entities.name(&k, || SLOT_NAMES.map(str::to_owned).to_vec());
+    entities.add(tau, Some(frame), Drawing::Scalars(vec![step.tau]));
+    entities.add(k, Some(frame), Drawing::Scalars(step.k_slots.to_vec()));
+    if !step.k_lines.is_empty() {
+        entities.name(&k_lines, lines);
+        entities.add(k_lines, Some(frame), Drawing::Scalars(step.k_lines.clone()));
+    }
+}
+
+fn about(scene: &Scene) -> String {
+    let simulated = if scene.simulated { "Made from *simulated* data.\n\n" } else { "" };
+    let picked = scene.picked.map_or_else(String::new, |id| {
+        format!(
+            "Vehicle {id} is picked: its box is orange, with a ring of {RING_M} m around it, its forecasts are in the view of \
+             the road, and its scalars beside that. To see another one, put its number for {id} in the contents of the view of \
+             the road, and in the origins of the others.\n\n"
+        )
+    });
+    format!(
+        "# {}\n\n{simulated}Forward is x, left is y, in m; `time` is the frame number divided by {} Hz.\n\n{picked}\
+         A forecast is made each second, from the history in dark grey. The likeliest path is dark red, the others are \
+         green; pointing at one tells its probability. Arrows stand along the likeliest path where its vehicle then is: the \
+         pull of the goal yellow, the push of neighbours blue, of lane lines black; {ARROW_M} m of arrow are 1 m/s². \
+         Scalars are those of the latest forecast's likeliest path.\n\n\
+         Grey boxes of vehicles that the model was not trained on are darker.\n",
+        scene.title, scene.rate_hz
+    )
+}

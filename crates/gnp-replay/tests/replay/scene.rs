@@ -1,0 +1,78 @@
+//! A scene whose numbers are all different.
+
+use gnp_data::{Explanation, LaneLine, LineKind, Mode, StepForces, VehicleClass};
+use gnp_replay::{Moment, Scene, SceneForecast, Vehicle};
+
+/// Recorded frames a second, recorded frames from a moment to the next, and to the next predicted point.
+pub(crate) const RATE_HZ: f64 = 25.;
+pub(crate) const FRAME_STEP: u32 = 5;
+const PREDICTED: usize = 7;
+
+/// Frames 100 to 130. Car 7 is there all the time, a bit to the left in the end, with forecasts at 100 and 120; truck 31
+/// stays in its lane and leaves after 115, with a forecast at 110.
+pub(crate) fn scene() -> Scene {
+    let lines = [(LineKind::Boundary, -1.75), (LineKind::Centre, 1.75), (LineKind::Boundary, 5.25)];
+    Scene {
+        title: "us101-13, US-101".to_owned(),
+        simulated: false,
+        rate_hz: RATE_HZ,
+        frame_step: FRAME_STEP,
+        lines: lines.map(|(kind, y)| LaneLine { kind, y }).to_vec(),
+        vehicles: vec![
+            Vehicle {
+                id: 7,
+                class: VehicleClass::Car,
+                test: true,
+                size: [4.5, 1.8],
+                moments: moments(100..=130, [10., 0.2], [8., 0.5]),
+                forecasts: vec![forecast(100, [10., 0.2], 3), forecast(120, [16.4, 0.6], 3)],
+            },
+            Vehicle {
+                id: 31,
+                class: VehicleClass::Truck,
+                test: false,
+                size: [12., 2.5],
+                moments: moments(100..=115, [40., 3.5], [6., 0.]),
+                forecasts: vec![forecast(110, [42.4, 3.5], 2)],
+            },
+        ],
+        picked: Some(7),
+    }
+}
+
+fn moments(frames: std::ops::RangeInclusive<u32>, [x, y]: [f32; 2], velocity: [f32; 2]) -> Vec<Moment> {
+    let first = *frames.start();
+    let moment = |frame| {
+        let t = (frame - first) as f32 / RATE_HZ as f32;
+        Moment { frame, centre: [x + velocity[0] * t, y + velocity[1] * t], velocity }
+    };
+    frames.step_by(FRAME_STEP as usize).map(moment).collect()
+}
+
+/// `modes` futures; of the first one, predicted point `j` is `(j + 1, 0.1 (j + 1))` from the origin.
+fn forecast(frame: u32, [x, y]: [f32; 2], modes: usize) -> SceneForecast {
+    let mode = |i: usize| Mode {
+        probability: [0.5, 0.3, 0.2][i],
+        path: (1..=PREDICTED).map(|j| [j as f32, 0.1 * j as f32 * (1. + i as f32)]).collect(),
+        explanation: Some(Explanation { goal: [7., 0.7], steps: (0..PREDICTED).map(step).collect() }),
+    };
+    SceneForecast {
+        frame,
+        frame_step: FRAME_STEP,
+        history: (0..4).map(|j| [x - 2. * (3 - j) as f32, y]).collect(),
+        modes: (0..modes).map(mode).collect(),
+    }
+}
+
+fn step(j: usize) -> StepForces {
+    let j = j as f32;
+    StepForces {
+        goal: [1. + j, 0.25],
+        neighbours: [-0.5, 0.125 * j],
+        lines: [0., -0.75],
+        by_slot: [[0.; 2]; 8],
+        tau: 0.5 + 0.1 * j,
+        k_slots: std::array::from_fn(|slot| 10. * slot as f32 + j),
+        k_lines: vec![3. + j, 4. + j, 5. + j],
+    }
+}

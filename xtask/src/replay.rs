@@ -1,0 +1,213 @@
+//! `replay`: the stretch of the scene player, for the Rerun viewer.
+
+use std::io::Write as _;
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail};
+use gnp_data::Split;
+use gnp_replay::{Moment, Scene, SceneForecast, Vehicle};
+
+use crate::cli::ReplayArgs;
+use crate::session::Session;
+use crate::stretch::{Shown, Stretch};
+
+/// Writes the file.
+///
+/// # Errors
+/// In a build without the feature `rerun`; when the run is not finished or a file of it cannot be used; when it has
+/// nothing to show, or not the vehicle asked for; when the file cannot be written.
+pub(crate) fn run(args: &ReplayArgs) -> Result<()> {
+    if !gnp_replay::CAN_ENCODE {
+        bail!(
+            "this build cannot write Rerun files; run `cargo run --package xtask --features rerun -- replay --run {} --rrd {}`, \
+             which compiles Rerun first",
+            args.run.display(),
+            args.rrd.display()
+        );
+    }
+    let session = Session::finished(&args.run, &args.machine)?;
+    // Before minutes of work are done for it.
+    let mut file = place(&args.rrd)?;
+    let set = session.windows()?;
+    let split = Split::load(&set, &session.folder.path("split.json"))?;
+    let Some(stretch) = Stretch::of(&session, &set, &split)? else {
+        bail!(
+            "{} has no test windows, so that there is nothing to replay; split it in another way",
+            args.run.display()
+        );
+    };
+    let mut scene = scene(stretch);
+    scene.picked = match args.vehicle {
+        Some(id) if scene.vehicles.iter().all(|vehicle| vehicle.id != id) => {
+            bail!(
+                "vehicle {id} is not in the minute that is replayed; leave --vehicle out, or take one of {}",
+                ids(&scene)
+            )
+        }
+        Some(id) => Some(id),
+        None => scene.liveliest(),
+    };
+    let cannot = || format!("cannot write {}", args.rrd.display());
+    file.write_all(&gnp_replay::encode(&scene)?).with_context(cannot)?;
+    file.persist(&args.rrd).with_context(cannot)?;
+    let vehicles = scene.vehicles.len();
+    let forecasts: usize = scene.vehicles.iter().map(|vehicle| vehicle.forecasts.len()).sum();
+    session.terminal().result(&format!(
+        "replay: {}, {}, {vehicles} vehicles, {forecasts} forecasts; opens with `rerun {0}` of version {}",
+        args.rrd.display(),
+        scene.heading(),
+        gnp_replay::VIEWER
+    ));
+    Ok(())
+}
+
+/// A temporary file beside the one to be written.
+fn place(path: &Path) -> Result<gnp_file::NamedTempFile> {
+    if path.is_dir() {
+        bail!("--rrd {} is a folder; give the name of a file", path.display());
+    }
+    gnp_file::beside(path).with_context(|| {
+        format!("cannot write {}; give --rrd a file in a folder that can be written to", path.display())
+    })
+}
+
+/// Numbers of the vehicles that are forecast.
+fn ids(scene: &Scene) -> String {
+    let mut ids: Vec<u32> = scene.vehicles.iter().filter(|v| !v.forecasts.is_empty()).map(|v| v.id).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
+}
+
+/// The stretch as it is replayed, with nobody picked.
+fn scene(mut stretch: Stretch<'_>) -> Scene {
+    let forecasts = std::mem::take(&mut stretch.forecasts);
+    let (recording, meta) = (stretch.recording, stretch.recording.meta());
+    let road = &recording.roads()[usize::from(stretch.road)];
+    let mut vehicles: Vec<Vehicle> = stretch.vehicles.iter().map(|shown| vehicle(&stretch, shown)).collect();
+    for made in forecasts {
+        let seen = made.seen;
+        let [x0, y0] = seen.origin();
+        let history = (0..stretch.shape.observed).map(|i| seen.target(i)).map(|state| [x0 + state.x, y0 + state.y]);
+        vehicles[made.vehicle].forecasts.push(SceneForecast {
+            frame: seen.frame(),
+            frame_step: stretch.shape.step as u32,
+            history: history.collect(),
+            modes: made.forecast.modes,
+        });
+    }
+    Scene {
+        title: format!("{}, {}, driving direction {}", meta.name, meta.site, road.driving_direction),
+        simulated: meta.simulated,
+        rate_hz: meta.rate_hz,
+        frame_step: stretch.step,
+        lines: road.lines.clone(),
+        vehicles,
+        picked: None,
+    }
+}
+
+fn vehicle(stretch: &Stretch<'_>, shown: &Shown<'_>) -> Vehicle {
+    let moment = |(frame, row): &(usize, usize)| {
+        let state = stretch.recording.state(*row);
+        Moment { frame: stretch.recorded(*frame), centre: [state.x, state.y], velocity: [state.vx, state.vy] }
+    };
+    Vehicle {
+        id: shown.track.vehicle,
+        class: shown.track.class,
+        test: shown.test,
+        size: [shown.track.length, shown.track.width],
+        moments: shown.rows.iter().map(moment).collect(),
+        forecasts: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gnp_data::{
+        Columns, Dataset, Explanation, Forecast, LaneLine, LineKind, Mode, Observation, Recording, RecordingMeta, Road,
+        SLOTS, StepForces, Track, VehicleClass, WindowShape,
+    };
+
+    use super::*;
+    use crate::stretch::Made;
+
+    /// A car on the second of two roads, from recorded frame 40 on: `x` is a tenth of the frame, `y` the row.
+    fn recording() -> Recording {
+        let rows = 30;
+        let meta = RecordingMeta {
+            dataset: Dataset::HighD,
+            site: "site 3".to_owned(),
+            name: "recording 4".to_owned(),
+            rate_hz: 25.,
+            simulated: true,
+        };
+        let lines =
+            |y| [LaneLine { kind: LineKind::Boundary, y }, LaneLine { kind: LineKind::Boundary, y: y + 4. }].to_vec();
+        let road = |driving_direction, y| Road { driving_direction, lines: lines(y), fitted: false };
+        let track = Track {
+            vehicle: 9,
+            segment: 0,
+            road: 1,
+            class: VehicleClass::Truck,
+            length: 11.,
+            width: 2.5,
+            first_frame: 40,
+            rows: 0..rows,
+        };
+        let columns = Columns {
+            x: (0..rows).map(|row| (row + 40) as f32 / 10.).collect(),
+            y: (0..rows).map(|row| row as f32).collect(),
+            vx: vec![2.5; rows],
+            vy: (0..rows).map(|row| row as f32 / 4.).collect(),
+            lane: vec![1; rows],
+            neighbours: vec![[u32::MAX; SLOTS]; rows],
+        };
+        Recording::from_parts(meta, vec![road(1, 50.), road(2, 0.)], vec![track], columns).unwrap()
+    }
+
+    #[test]
+    fn a_stretch_becomes_a_scene_in_the_road_frame() {
+        let recording = recording();
+        let shape = WindowShape { observed: 4, predicted: 2, step: 2, rate_hz: 12.5 };
+        let rows = [(2, 6), (3, 9), (5, 15)].to_vec(); // of frames 46, 49 and 55
+        let forecast = Forecast {
+            modes: vec![Mode {
+                probability: 1.,
+                path: vec![[1., 0.], [2., 0.5]],
+                explanation: Some(Explanation { goal: [2., 0.5], steps: vec![StepForces::default(); 2] }),
+            }],
+        };
+        let made = Made {
+            vehicle: 0,
+            frame: 3,
+            seen: Observation::new(&recording, shape, 0, 9).unwrap(),
+            neighbours: vec![-2; SLOTS],
+            forecast: forecast.clone(),
+        };
+        let scene = scene(Stretch {
+            recording: &recording,
+            road: 1,
+            shape,
+            step: 3,
+            rate: 25. / 3.,
+            frames: 7,
+            first_frame: 40,
+            vehicles: vec![Shown { track: &recording.tracks()[0], test: true, rows }],
+            forecasts: vec![made],
+        });
+        assert_eq!(scene.heading(), "recording 4, site 3, driving direction 2 (simulated)");
+        assert_eq!((scene.rate_hz, scene.frame_step, scene.picked), (25., 3, None));
+        assert_eq!(scene.lines.iter().map(|line| line.y).collect::<Vec<_>>(), [0., 4.]);
+        let [truck] = &scene.vehicles[..] else { panic!("{:?}", scene.vehicles) };
+        assert_eq!((truck.id, truck.class, truck.test, truck.size), (9, VehicleClass::Truck, true, [11., 2.5]));
+        assert_eq!(truck.moments.iter().map(|moment| moment.frame).collect::<Vec<_>>(), [46, 49, 55]);
+        assert_eq!(truck.moments[2], Moment { frame: 55, centre: [5.5, 15.], velocity: [2.5, 3.75] });
+        let [found] = &truck.forecasts[..] else { panic!("{:?}", truck.forecasts) };
+        assert_eq!((found.frame, found.frame_step), (49, 2));
+        assert_eq!(found.history.iter().map(|point| point[1]).collect::<Vec<_>>(), [3., 5., 7., 9.]);
+        assert!((found.history[3][0] - 4.9).abs() < 1e-6, "{:?}", found.history);
+        assert_eq!(found.modes, forecast.modes);
+        assert_eq!(ids(&scene), "9");
+    }
+}
