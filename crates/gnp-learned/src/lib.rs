@@ -25,6 +25,7 @@ mod norm;
 mod pip;
 mod pooling;
 mod recipe;
+mod rows;
 mod seen;
 mod sequence;
 mod slstm;
