@@ -65,7 +65,7 @@ fn with_stage<T>(kind: LearnedKind, recipe: &Recipe, epochs: usize, check: impl 
     let recordings = [road::plain()];
     let (set, _) = WindowSet::cut(&recordings, &road::config()).unwrap();
     let weights = Weights::seeded(recipe.seed, &Device::Cpu);
-    let net = Net::new(kind, &recipe, inputs(set.shape(), recipe.unit_m).unwrap(), &weights.builder()).unwrap();
+    let net = Net::new(kind, recipe, inputs(set.shape(), recipe.unit_m).unwrap(), &weights.builder()).unwrap();
     let epoch = AtomicUsize::new(epochs);
     let (train, validation) = (set.ids(), set.ids());
     let (net, weights, set, epoch) = (&net, &weights, &set, &epoch);
