@@ -7,6 +7,8 @@
 use candle_core::{DType, Result, Tensor};
 use candle_nn::{Init, VarBuilder};
 
+use crate::rows::rectified;
+
 /// Rows and columns.
 pub(crate) type Size = [usize; 2];
 
@@ -43,8 +45,8 @@ impl Conv {
         Ok([0, 1].map(|axis| (size[axis] + 2 * self.padding[axis] + 1).saturating_sub(kernel[axis])))
     }
 
-    /// Over a whole grid `[batch, rows, columns, in]`.
-    pub(crate) fn forward(&self, x: &Tensor) -> Result<Tensor> {
+    /// Over a whole grid `[batch, rows, columns, in]`; what is below 0 times `slope`.
+    pub(crate) fn forward(&self, x: &Tensor, slope: f32) -> Result<Tensor> {
         let (batch, rows, columns, input) = x.dims4()?;
         let (kernel, [out_rows, out_columns]) = (self.kernel()?, self.size([rows, columns])?);
         let outside = (batch * rows * columns) as u32;
@@ -72,13 +74,19 @@ impl Conv {
         let output = self.bias.dim(0)?;
         // [out, in, i, j] to [(i, j, in), out], the order in which cells were laid side by side.
         let weight = self.weight.permute((2, 3, 1, 0))?.contiguous()?.reshape(((), output))?;
-        let sums = seen.matmul(&weight)?.broadcast_add(&self.bias)?;
-        sums.reshape((batch, out_rows, out_columns, output))
+        rectified(&seen.matmul(&weight)?, &self.bias, slope)?.reshape((batch, out_rows, out_columns, output))
     }
 
     /// Over `batch` grids of `size` that are zero but for `codes` `[occupied, in]` at `cells`, each
     /// `(grid * rows + row) * columns + column`: the same result from the occupied cells alone.
-    pub(crate) fn forward_sparse(&self, codes: &Tensor, cells: &[u32], batch: usize, size: Size) -> Result<Tensor> {
+    pub(crate) fn forward_sparse(
+        &self,
+        codes: &Tensor,
+        cells: &[u32],
+        batch: usize,
+        size: Size,
+        slope: f32,
+    ) -> Result<Tensor> {
         let (kernel, [out_rows, out_columns]) = (self.kernel()?, self.size(size)?);
         let output = self.bias.dim(0)?;
         let weight = self.weight.permute((1, 2, 3, 0))?.contiguous()?.reshape((codes.dim(1)?, ()))?;
@@ -97,7 +105,7 @@ impl Conv {
             }
         }
         let sums = gather(codes, &weight, places, batch * out_rows * out_columns, output)?;
-        sums.broadcast_add(&self.bias)?.reshape((batch, out_rows, out_columns, output))
+        rectified(&sums, &self.bias, slope)?.reshape((batch, out_rows, out_columns, output))
     }
 }
 
@@ -132,8 +140,9 @@ impl ConvTranspose {
         Ok(Self { weight, bias })
     }
 
-    /// Twice the size less one along each axis: `[batch, 2 rows - 1, 2 columns - 1, out]`.
-    pub(crate) fn forward(&self, x: &Tensor) -> Result<Tensor> {
+    /// Twice the size less one along each axis: `[batch, 2 rows - 1, 2 columns - 1, out]`; what is below 0
+    /// times `slope`.
+    pub(crate) fn forward(&self, x: &Tensor, slope: f32) -> Result<Tensor> {
         let (batch, rows, columns, input) = x.dims4()?;
         let (k, output) = (Self::KERNEL, self.bias.dim(0)?);
         let (out_rows, out_columns) = (2 * rows - 1, 2 * columns - 1);
@@ -151,7 +160,7 @@ impl ConvTranspose {
         }
         let flat = x.contiguous()?.reshape((batch * rows * columns, input))?;
         let sums = gather(&flat, &weight, places, batch * out_rows * out_columns, output)?;
-        sums.broadcast_add(&self.bias)?.reshape((batch, out_rows, out_columns, output))
+        rectified(&sums, &self.bias, slope)?.reshape((batch, out_rows, out_columns, output))
     }
 }
 
@@ -193,7 +202,7 @@ mod tests {
             // candle has one padding for both axes, as have these.
             let y = first(&x).conv2d(weight, padding[0], 1, 1, 1).unwrap();
             let y = y.broadcast_add(&named["bias"].reshape((1, 4, 1, 1)).unwrap()).unwrap();
-            assert_close(&conv.forward(&x).unwrap(), &last(&y));
+            assert_close(&conv.forward(&x, 1.).unwrap(), &last(&y));
         }
     }
 
@@ -206,14 +215,14 @@ mod tests {
             let codes = numbers(&[6, 2]);
             let grid = Tensor::zeros((2 * 35, 2), DType::F32, &Device::Cpu).unwrap();
             let grid = grid.index_add(&Tensor::new(&cells, &Device::Cpu).unwrap(), &codes, 0).unwrap();
-            let whole = conv.forward(&grid.reshape((2, 7, 5, 2)).unwrap()).unwrap();
-            assert_close(&conv.forward_sparse(&codes, &cells, 2, [7, 5]).unwrap(), &whole);
+            let whole = conv.forward(&grid.reshape((2, 7, 5, 2)).unwrap(), 1.).unwrap();
+            assert_close(&conv.forward_sparse(&codes, &cells, 2, [7, 5], 1.).unwrap(), &whole);
         }
         let weights = Weights::seeded(2, &Device::Cpu);
         let conv = Conv::new(2, 4, [3, 3], [0, 0], &weights.builder()).unwrap();
         let nobody = Tensor::zeros((0, 2), DType::F32, &Device::Cpu).unwrap();
         let empty = Tensor::zeros((1, 7, 5, 2), DType::F32, &Device::Cpu).unwrap();
-        assert_close(&conv.forward_sparse(&nobody, &[], 1, [7, 5]).unwrap(), &conv.forward(&empty).unwrap());
+        assert_close(&conv.forward_sparse(&nobody, &[], 1, [7, 5], 1.).unwrap(), &conv.forward(&empty, 1.).unwrap());
     }
 
     #[test]
@@ -224,7 +233,7 @@ mod tests {
         let named = weights.named();
         let y = first(&x).conv_transpose2d(named["weight"].as_tensor(), 1, 0, 2, 1).unwrap();
         let y = y.broadcast_add(&named["bias"].reshape((1, 2, 1, 1)).unwrap()).unwrap();
-        let ours = conv.forward(&x).unwrap();
+        let ours = conv.forward(&x, 1.).unwrap();
         assert_eq!(ours.dims(), [2, 13, 3, 2]);
         assert_close(&ours, &last(&y));
     }

@@ -5,7 +5,7 @@ use candle_nn::{Linear, Module, VarBuilder};
 use gnp_nn::linear;
 
 use crate::conv::Conv;
-use crate::encoder::{DYNAMICS, Decoder, ENCODED, PathEncoder, leaky};
+use crate::encoder::{DYNAMICS, Decoder, ENCODED, PathEncoder, SLOPE, leaky};
 use crate::grid::{LANE_CELLS, LANE_COLUMNS, LANE_ROWS};
 use crate::inputs::Past;
 use crate::network::{Ask, MANOEUVRE, ManoeuvreHeads, Means, Network, Output, decode};
@@ -49,8 +49,8 @@ impl CsLstm {
             (window * LANE_CELLS + row * LANE_COLUMNS + column) as u32
         };
         let cells: Vec<u32> = cells.iter().map(along_rows).collect();
-        let wide = leaky(&self.wide.forward_sparse(neighbours, &cells, windows, [LANE_ROWS, LANE_COLUMNS])?)?;
-        let narrow = leaky(&self.narrow.forward(&wide)?)?;
+        let wide = self.wide.forward_sparse(neighbours, &cells, windows, [LANE_ROWS, LANE_COLUMNS], SLOPE)?;
+        let narrow = self.narrow.forward(&wide, SLOPE)?;
         let pooled = max_pool(&narrow, Window { padding: 1, ..Window::of(2) }, Window::of(1))?;
         // Channels first, as the published layers flatten them.
         pooled.permute((0, 3, 1, 2))?.contiguous()?.reshape((windows, SOCIAL))

@@ -2,17 +2,18 @@
 //! unrolled into a future.
 
 use candle_core::{Result, Tensor};
-use candle_nn::{Init, Linear, Module, VarBuilder};
+use candle_nn::{Init, Linear, VarBuilder};
 use gnp_nn::linear;
 
+use crate::rows::dense;
 use crate::sequence::lstm_states;
 
 /// Slope of a leaky ReLU below 0, in all published networks.
-pub(crate) const SLOPE: f64 = 0.1;
+pub(crate) const SLOPE: f32 = 0.1;
 
 /// Leaky ReLU.
 pub(crate) fn leaky(x: &Tensor) -> Result<Tensor> {
-    candle_nn::ops::leaky_relu(x, SLOPE)
+    candle_nn::ops::leaky_relu(x, SLOPE.into())
 }
 
 /// An LSTM layer with PyTorch's names (`weight_ih`, `weight_hh`, `bias_ih`, `bias_hh`), gate order
@@ -42,20 +43,24 @@ impl Recurrent {
     /// The output at every point, `[points, rows, hidden]`, for `x` `[points, rows, input]`; the
     /// start is zero. At least one row.
     pub(crate) fn states(&self, x: &Tensor) -> Result<Tensor> {
-        lstm_states(&self.inputs(x)?, &self.weight_hh, x.dim(0)?)
+        lstm_states(&self.inputs(x)?, &self.weight_hh, &self.bias()?, x.dim(0)?)
     }
 
     /// The output at each of `points` points, `[points, rows, hidden]`, for the same input `x`
     /// `[rows, input]` at all of them.
     pub(crate) fn repeated(&self, x: &Tensor, points: usize) -> Result<Tensor> {
-        lstm_states(&self.inputs(&x.unsqueeze(0)?)?, &self.weight_hh, points)
+        lstm_states(&self.inputs(&x.unsqueeze(0)?)?, &self.weight_hh, &self.bias()?, points)
+    }
+
+    fn bias(&self) -> Result<Tensor> {
+        &self.bias_ih + &self.bias_hh
     }
 
     /// What the inputs bring to the gates, `[points, rows, 4 * hidden]`.
     fn inputs(&self, x: &Tensor) -> Result<Tensor> {
         let (points, rows, input) = x.dims3()?;
         let flat = x.contiguous()?.reshape((points * rows, input))?;
-        let sums = flat.matmul(&self.weight_ih.t()?)?.broadcast_add(&(&self.bias_ih + &self.bias_hh)?)?;
+        let sums = flat.matmul(&self.weight_ih.t()?)?;
         sums.reshape((points, rows, sums.dim(1)?))
     }
 }
@@ -96,7 +101,7 @@ pub(crate) fn read(embed: &Linear, lstm: &Recurrent, paths: &Tensor) -> Result<T
     if rows == 0 {
         return Tensor::zeros((0, ENCODED), paths.dtype(), paths.device());
     }
-    lstm.states(&leaky(&embed.forward(paths)?)?)?.get(points - 1)
+    lstm.states(&dense(embed, paths, SLOPE)?)?.get(points - 1)
 }
 
 /// Unrolls a code into the parameters of a Gaussian at every point of the future: LSTM of 128 units
@@ -120,6 +125,6 @@ impl Decoder {
 
     /// `[rows, points, 5]` from codes `[rows, width]`.
     pub(crate) fn unroll(&self, codes: &Tensor, points: usize) -> Result<Tensor> {
-        self.output.forward(&self.lstm.repeated(codes, points)?)?.transpose(0, 1)?.contiguous()
+        dense(&self.output, &self.lstm.repeated(codes, points)?, 1.)?.transpose(0, 1)?.contiguous()
     }
 }

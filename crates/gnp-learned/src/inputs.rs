@@ -1,10 +1,11 @@
 //! What the networks read of windows, as tensors in the published axes and unit.
 
 use candle_core::{Device, Result, Tensor};
-use gnp_data::{Neighbour, Observation, State, VehicleClass, Window};
+use gnp_data::{Neighbour, State, Truth, VehicleClass};
 
 use crate::clock::{Clock, RATE_HZ};
 use crate::grid::{LANE_CELLS, by_lane};
+use crate::seen::{Seen, Side};
 
 /// Brings windows to the published networks' form: points at 5 Hz, first axis to the right, second
 /// forward, lengths in `unit_m` (a foot as published).
@@ -58,13 +59,13 @@ impl Inputs {
     }
 
     /// The target's path, oldest point first.
-    pub(crate) fn target(&self, observation: &Observation<'_>) -> Vec<[f32; 2]> {
-        self.frames().map(|frame| self.point(observation.target(frame))).collect()
+    pub(crate) fn target(&self, seen: &Seen<'_>) -> Vec<[f32; 2]> {
+        self.frames().map(|frame| self.point(seen.side.turn(seen.observation.target(frame)))).collect()
     }
 
     /// A neighbour's path in the target's window frame.
-    pub(crate) fn neighbour(&self, neighbour: &Neighbour<'_>) -> Vec<[f32; 2]> {
-        self.frames().map(|frame| self.point(neighbour.state(frame).unwrap_or_default())).collect()
+    pub(crate) fn neighbour(&self, neighbour: &Neighbour<'_>, side: Side) -> Vec<[f32; 2]> {
+        self.frames().map(|frame| self.point(side.turn(neighbour.state(frame).unwrap_or_default()))).collect()
     }
 
     fn frames(&self) -> impl Iterator<Item = usize> {
@@ -72,23 +73,23 @@ impl Inputs {
         (0..clock.past()).map(move |k| clock.observed_frame(k))
     }
 
-    /// The past of `observations` with their grids by lane; class, speed and acceleration on request.
+    /// The past of windows with their grids by lane; class, speed and acceleration on request.
     ///
     /// # Errors
     /// When the tensors cannot be made.
-    pub(crate) fn past(&self, observations: &[Observation<'_>], features: bool, device: &Device) -> Result<Past> {
+    pub(crate) fn past(&self, windows: &[Seen<'_>], features: bool, device: &Device) -> Result<Past> {
         let (mut targets, mut neighbours, mut cells) = (Vec::new(), Vec::new(), Vec::new());
         let (mut target_classes, mut neighbour_classes) = (Vec::new(), Vec::new());
         let mut collisions = 0;
-        for (b, observation) in observations.iter().enumerate() {
-            targets.push(self.target(observation));
-            target_classes.push(observation.class());
-            let grid = by_lane(observation);
+        for (b, seen) in windows.iter().enumerate() {
+            targets.push(self.target(seen));
+            target_classes.push(seen.observation.class());
+            let grid = by_lane(&seen.observation);
             collisions += grid.collisions;
             for occupant in grid.occupants {
-                neighbours.push(self.neighbour(&occupant.neighbour));
+                neighbours.push(self.neighbour(&occupant.neighbour, seen.side));
                 neighbour_classes.push(occupant.neighbour.class());
-                cells.push((LANE_CELLS * b + occupant.cell) as u32);
+                cells.push((LANE_CELLS * b + seen.side.lane_cell(occupant.cell)) as u32);
             }
         }
         let points = self.clock.past();
@@ -111,16 +112,19 @@ impl Inputs {
     ///
     /// # Errors
     /// When the tensor cannot be made.
-    pub(crate) fn futures(&self, windows: &[Window<'_>], device: &Device) -> Result<Tensor> {
-        let points = self.clock.future();
-        let mut values = Vec::with_capacity(windows.len() * points * 2);
-        for window in windows {
-            let truth = window.truth();
+    pub(crate) fn futures<'t>(
+        &self,
+        truths: impl ExactSizeIterator<Item = (Truth<'t>, Side)>,
+        device: &Device,
+    ) -> Result<Tensor> {
+        let (windows, points) = (truths.len(), self.clock.future());
+        let mut values = Vec::with_capacity(windows * points * 2);
+        for (truth, side) in truths {
             for k in 0..points {
-                values.extend(self.point(truth.target(self.clock.predicted_frame(k))));
+                values.extend(self.point(side.turn(truth.target(self.clock.predicted_frame(k)))));
             }
         }
-        Tensor::from_vec(values, (windows.len(), points, 2), device)
+        Tensor::from_vec(values, (windows, points, 2), device)
     }
 }
 

@@ -15,6 +15,7 @@ use crate::inputs::Inputs;
 use crate::kind::LearnedKind;
 use crate::net::Net;
 use crate::network::{Ask, Output};
+use crate::seen::{Seen, Side};
 
 /// Windows that go through a network at once.
 const BATCH: usize = 128;
@@ -93,7 +94,8 @@ impl Learned {
             let truths: Vec<Truth<'_>> = windows.iter().map(Window::truth).collect();
             let output = self.forward(&observations, self.kind.is_informed().then_some(&truths))?;
             let values = || {
-                let truth = self.net.inputs.futures(windows, self.net.device())?.unsqueeze(1)?;
+                let truths = windows.iter().map(|window| (window.truth(), Side::Recorded));
+                let truth = self.net.inputs.futures(truths, self.net.device())?.unsqueeze(1)?;
                 mixture_nll(&output.gaussians.nll(&truth)?, &output.log_probability)?.mean(1)?.to_vec1::<f32>()
             };
             let unit = 2. * f64::from(self.net.inputs.unit_m).ln();
@@ -107,7 +109,8 @@ impl Learned {
         observations: &[Observation<'_>],
         truths: Option<&Vec<Truth<'_>>>,
     ) -> Result<Output, PredictError> {
-        self.net.forward(observations, truths.map(Vec::as_slice), Ask::Predict).map_err(|e| self.fail(e))
+        let seen: Vec<Seen<'_>> = observations.iter().map(Seen::recorded).collect();
+        self.net.forward(&seen, truths.map(Vec::as_slice), Ask::Predict).map_err(|e| self.fail(e))
     }
 
     fn fail(&self, source: impl std::error::Error + Send + Sync + 'static) -> PredictError {

@@ -25,6 +25,8 @@ mod norm;
 mod pip;
 mod pooling;
 mod recipe;
+mod rows;
+mod seen;
 mod sequence;
 mod slstm;
 mod stage;

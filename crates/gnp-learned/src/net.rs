@@ -2,7 +2,7 @@
 
 use candle_core::{Device, Result};
 use candle_nn::VarBuilder;
-use gnp_data::{Observation, Truth};
+use gnp_data::Truth;
 use tracing::debug;
 
 use crate::cslstm::CsLstm;
@@ -11,6 +11,7 @@ use crate::kind::LearnedKind;
 use crate::network::{Ask, Network, Output};
 use crate::pip::{Pip, Plan, Scenes};
 use crate::recipe::Recipe;
+use crate::seen::Seen;
 use crate::slstm::SLstm;
 use crate::stdan::{Stdan, StdanSizes};
 
@@ -56,23 +57,18 @@ impl Net {
         Ok(Self { inputs, body, device: vb.device().clone() })
     }
 
-    /// The futures of `observations`; `truths` for the kind that is handed them, and for no other.
-    pub(crate) fn forward(
-        &self,
-        observations: &[Observation<'_>],
-        truths: Option<&[Truth<'_>]>,
-        ask: Ask<'_>,
-    ) -> Result<Output> {
+    /// The futures of `windows`; `truths` for the kind that is handed them, and for no other.
+    pub(crate) fn forward(&self, windows: &[Seen<'_>], truths: Option<&[Truth<'_>]>, ask: Ask<'_>) -> Result<Output> {
         match &self.body {
             Body::Lanes(network, features) => {
-                let past = self.inputs.past(observations, *features, &self.device)?;
+                let past = self.inputs.past(windows, *features, &self.device)?;
                 if past.collisions > 0 {
-                    debug!(windows = observations.len(), vehicles = past.collisions, "left out behind a nearer one");
+                    debug!(windows = windows.len(), vehicles = past.collisions, "left out behind a nearer one");
                 }
                 network.forward(&past, ask)
             }
             Body::Places(pip, plan, targets) => {
-                let scenes = Scenes::new(&self.inputs, observations, *plan, truths, *targets, &self.device)?;
+                let scenes = Scenes::new(&self.inputs, windows, *plan, truths, *targets, &self.device)?;
                 if scenes.without_ego > 0 {
                     debug!(windows = scenes.windows, without_ego = scenes.without_ego, "nobody is near enough to plan");
                 }

@@ -1,7 +1,9 @@
 //! Batch normalisation over the last dimension.
 
-use candle_core::{D, Result, Tensor, Var};
+use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, D, Layout, Result, Shape, Tensor, Var};
 use candle_nn::{Init, VarBuilder};
+
+use crate::rows::{add_row, slice, sum_rows};
 
 /// Normalises each channel by the batch in training, by running statistics otherwise. These are
 /// weights that no gradient moves.
@@ -31,27 +33,178 @@ impl BatchNorm {
 
     /// `x` `[.., channels]`, normalised.
     pub(crate) fn forward(&self, x: &Tensor, training: bool) -> Result<Tensor> {
-        let (mean, variance) =
-            if training { self.batch(x)? } else { (self.running_mean.clone(), self.running_var.clone()) };
-        let scale = (&self.weight / (variance + EPSILON)?.sqrt()?)?;
-        x.broadcast_sub(&mean)?.broadcast_mul(&scale)?.broadcast_add(&self.bias)
-    }
-
-    /// The batch's mean and variance, which enter the running ones.
-    fn batch(&self, x: &Tensor) -> Result<(Tensor, Tensor)> {
-        let flat = x.contiguous()?.reshape(((), x.dim(D::Minus1)?))?;
+        if !training {
+            return self.scaled(x, &self.running_mean, &self.running_var);
+        }
+        let x = x.contiguous()?;
+        let rows = x.elem_count() / x.dim(D::Minus1)?.max(1);
+        if x.device().is_cpu() {
+            let moments = x.detach().apply_op1_no_bwd(&Moments)?;
+            let (mean, variance) = (moments.get(0)?, moments.get(1)?);
+            self.remember(&mean, &variance, rows)?;
+            let deviation = (variance + EPSILON)?.sqrt()?.recip()?;
+            let op = Normalise { mean: mean.to_vec1()?, deviation: deviation.to_vec1()? };
+            return x.apply_op3(&self.weight, &self.bias, op);
+        }
+        let flat = x.reshape((rows, ()))?;
         let mean = flat.mean(0)?;
         let variance = flat.broadcast_sub(&mean)?.sqr()?.mean(0)?;
-        let rows = flat.dim(0)? as f64;
+        self.remember(&mean.detach(), &variance.detach(), rows)?;
+        self.scaled(&x, &mean, &variance)
+    }
+
+    fn scaled(&self, x: &Tensor, mean: &Tensor, variance: &Tensor) -> Result<Tensor> {
+        let scale = (&self.weight / (variance + EPSILON)?.sqrt()?)?;
+        x.broadcast_sub(mean)?.broadcast_mul(&scale)?.broadcast_add(&self.bias)
+    }
+
+    /// The batch's mean and variance enter the running ones.
+    fn remember(&self, mean: &Tensor, variance: &Tensor, rows: usize) -> Result<()> {
         // The running variance is unbiased, as PyTorch keeps it.
-        let unbiased = (variance.detach() * (rows / (rows - 1.).max(1.)))?;
-        for (running, fresh) in [(&self.running_mean, mean.detach()), (&self.running_var, unbiased)] {
+        let unbiased = (variance * (rows as f64 / (rows as f64 - 1.).max(1.)))?;
+        for (running, fresh) in [(&self.running_mean, mean), (&self.running_var, &unbiased)] {
             if running.is_variable() {
                 let moved = ((running.detach() * (1. - MOMENTUM))? + (fresh * MOMENTUM)?)?;
                 Var::from_tensor(running)?.set(&moved)?;
             }
         }
-        Ok((mean, variance))
+        Ok(())
+    }
+}
+
+/// Mean and variance of every channel, `[2, channels]`.
+#[derive(Debug)]
+struct Moments;
+
+impl CustomOp1 for Moments {
+    fn name(&self) -> &'static str {
+        "channel-moments"
+    }
+
+    fn cpu_fwd(&self, storage: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
+        let x = slice(storage, layout)?;
+        let channels = layout.shape().dims().last().copied().unwrap_or_default();
+        let rows = x.len() / channels.max(1);
+        let mut moments = sum_rows(rows, channels, |at, sums| add_row(sums, &x[at..at + channels]));
+        let scale = 1. / rows.max(1) as f32;
+        moments.iter_mut().for_each(|sum| *sum *= scale);
+        let squares = sum_rows(rows, channels, |at, sums| {
+            let row = x[at..at + channels].iter().zip(&moments);
+            sums.iter_mut().zip(row).for_each(|(sum, (x, mean))| *sum += (x - mean) * (x - mean));
+        });
+        moments.extend(squares.iter().map(|sum| sum * scale));
+        Ok((CpuStorage::F32(moments), (2, channels).into()))
+    }
+}
+
+/// Brings `x` to mean 0 and deviation 1 by channel, then to `bias` and `weight`; the moments are its own,
+/// and the gradient knows it.
+#[derive(Debug)]
+struct Normalise {
+    mean: Vec<f32>,
+    /// One over the standard deviation.
+    deviation: Vec<f32>,
+}
+
+impl CustomOp3 for Normalise {
+    fn name(&self) -> &'static str {
+        "batch-norm"
+    }
+
+    fn cpu_fwd(
+        &self,
+        s1: &CpuStorage,
+        l1: &Layout,
+        s2: &CpuStorage,
+        l2: &Layout,
+        s3: &CpuStorage,
+        l3: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (x, weight, bias) = (slice(s1, l1)?, slice(s2, l2)?, slice(s3, l3)?);
+        let scale: Vec<f32> = weight.iter().zip(&self.deviation).map(|(w, d)| w * d).collect();
+        let shift: Vec<f32> = bias.iter().zip(self.mean.iter().zip(&scale)).map(|(b, (m, s))| b - m * s).collect();
+        let mut y = Vec::with_capacity(x.len());
+        for row in x.chunks_exact(scale.len().max(1)) {
+            y.extend(row.iter().zip(scale.iter().zip(&shift)).map(|(x, (scale, shift))| x * scale + shift));
+        }
+        Ok((CpuStorage::F32(y), l1.shape().clone()))
+    }
+
+    fn bwd(
+        &self,
+        x: &Tensor,
+        weight: &Tensor,
+        _: &Tensor,
+        _: &Tensor,
+        grad: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let (x, grad) = (x.detach(), grad.contiguous()?);
+        let back = Back { mean: self.mean.clone(), deviation: self.deviation.clone(), weight: weight.to_vec1()? };
+        let sums = x.apply_op2_no_bwd(&grad, &Sums(&back))?;
+        let dx = x.apply_op3_no_bwd(&grad, &sums, &back)?;
+        Ok((Some(dx), Some(sums.get(1)?), Some(sums.get(0)?)))
+    }
+}
+
+/// What the way back needs.
+#[derive(Debug)]
+struct Back {
+    mean: Vec<f32>,
+    deviation: Vec<f32>,
+    weight: Vec<f32>,
+}
+
+/// By channel, the sum of the gradient and of the gradient times the normalised value, `[2, channels]`.
+struct Sums<'a>(&'a Back);
+
+impl CustomOp2 for Sums<'_> {
+    fn name(&self) -> &'static str {
+        "batch-norm-sums"
+    }
+
+    fn cpu_fwd(&self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout) -> Result<(CpuStorage, Shape)> {
+        let (x, grad, Back { mean, deviation, .. }) = (slice(s1, l1)?, slice(s2, l2)?, self.0);
+        let channels = mean.len();
+        let sums = sum_rows(x.len() / channels.max(1), 2 * channels, |at, sums| {
+            let at = at / 2;
+            let (x, grad) = (&x[at..at + channels], &grad[at..at + channels]);
+            let (plain, bent) = sums.split_at_mut(channels);
+            for c in 0..channels {
+                plain[c] += grad[c];
+                bent[c] += grad[c] * (x[c] - mean[c]) * deviation[c];
+            }
+        });
+        Ok((CpuStorage::F32(sums), (2, channels).into()))
+    }
+}
+
+impl CustomOp3 for Back {
+    fn name(&self) -> &'static str {
+        "batch-norm-adjoint"
+    }
+
+    fn cpu_fwd(
+        &self,
+        s1: &CpuStorage,
+        l1: &Layout,
+        s2: &CpuStorage,
+        l2: &Layout,
+        s3: &CpuStorage,
+        l3: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (x, grad, sums) = (slice(s1, l1)?, slice(s2, l2)?, slice(s3, l3)?);
+        let channels = self.mean.len();
+        let share = 1. / (x.len() / channels.max(1)).max(1) as f32;
+        let (plain, bent) = sums.split_at(channels);
+        let mut dx = vec![0f32; x.len()];
+        let rows = x.chunks_exact(channels.max(1)).zip(grad.chunks_exact(channels.max(1)));
+        for (dx, (x, grad)) in dx.chunks_exact_mut(channels.max(1)).zip(rows) {
+            for c in 0..channels {
+                let bend = (x[c] - self.mean[c]) * self.deviation[c] * bent[c];
+                dx[c] = self.weight[c] * self.deviation[c] * (grad[c] - share * (plain[c] + bend));
+            }
+        }
+        Ok((CpuStorage::F32(dx), l1.shape().clone()))
     }
 }
 

@@ -12,7 +12,7 @@ use candle_nn::{Linear, Module, VarBuilder};
 use gnp_nn::linear;
 
 use crate::conv::Conv;
-use crate::encoder::{DYNAMICS, Decoder, EMBEDDED, ENCODED, Recurrent, leaky, read};
+use crate::encoder::{DYNAMICS, Decoder, EMBEDDED, ENCODED, Recurrent, SLOPE, leaky, read};
 use crate::grid::{PLACE_COLUMNS, PLACE_ROWS};
 use crate::network::{Ask, MANOEUVRE, ManoeuvreHeads, Means, Network, Output, decode};
 use crate::pooling::{Window, max_pool};
@@ -55,8 +55,8 @@ impl Around {
 
     fn forward(&self, codes: &Tensor, cells: &[u32], grids: usize) -> Result<Tensor> {
         let overlapping = Window { kernel: 3, stride: 2, padding: 0, ceil: false };
-        let wide = leaky(&self.wide.forward_sparse(codes, cells, grids, [PLACE_ROWS, PLACE_COLUMNS])?)?;
-        leaky(&self.narrow.forward(&max_pool(&wide, overlapping, overlapping)?)?)
+        let wide = self.wide.forward_sparse(codes, cells, grids, [PLACE_ROWS, PLACE_COLUMNS], SLOPE)?;
+        self.narrow.forward(&max_pool(&wide, overlapping, overlapping)?, SLOPE)
     }
 }
 

@@ -3,7 +3,9 @@
 //! candle's own `max_pool2d` passes only a share of the gradient to a maximum, and fails for strides
 //! unlike the kernel. Tensors are channels-last here: `[batch, rows, columns, channels]`.
 
-use candle_core::{Result, Tensor};
+use candle_core::{CpuStorage, CustomOp1, CustomOp3, Layout, Result, Shape, Tensor};
+
+use crate::rows::slice;
 
 /// How a pool moves along one axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +46,14 @@ impl Window {
 
 /// The largest value of each window, by channel.
 pub(crate) fn max_pool(x: &Tensor, along: Window, across: Window) -> Result<Tensor> {
+    if x.device().is_cpu() {
+        return x.contiguous()?.apply_op1(Largest { along, across });
+    }
+    in_graph(x, along, across)
+}
+
+/// The same from candle's operations: for other devices, and to test against.
+fn in_graph(x: &Tensor, along: Window, across: Window) -> Result<Tensor> {
     let rows = max_along(x, 1, along)?;
     max_along(&rows, 2, across)
 }
@@ -59,6 +69,96 @@ fn max_along(x: &Tensor, axis: usize, window: Window) -> Result<Tensor> {
         x.index_select(&Tensor::new(cells, x.device())?, axis)
     };
     (1..window.kernel).try_fold(pick(0)?, |largest, k| largest.maximum(&pick(k)?))
+}
+
+/// [`max_pool`] as one operation. Of equal values the first in the window takes the gradient.
+#[derive(Clone, Copy, Debug)]
+struct Largest {
+    along: Window,
+    across: Window,
+}
+
+impl Largest {
+    /// Cells of the result for `[batch, rows, columns, channels]`.
+    fn outputs(self, shape: &Shape) -> Result<Shape> {
+        let (batch, rows, columns, channels) = shape.dims4()?;
+        Ok((batch, self.along.outputs(rows), self.across.outputs(columns), channels).into())
+    }
+
+    /// For every cell of the result, where the channels of the cells in its window begin.
+    fn windows(self, shape: &Shape) -> Result<Vec<Vec<usize>>> {
+        let (batch, rows, columns, channels) = shape.dims4()?;
+        let cells = |window: Window, length| (0..window.kernel).map(move |k| window.cells(length, k));
+        let along: Vec<Vec<u32>> = cells(self.along, rows).collect();
+        let across: Vec<Vec<u32>> = cells(self.across, columns).collect();
+        let mut windows = Vec::new();
+        for grid in 0..batch {
+            for r in 0..self.along.outputs(rows) {
+                for c in 0..self.across.outputs(columns) {
+                    let cell = |i: &Vec<u32>, j: &Vec<u32>| (grid * rows + i[r] as usize) * columns + j[c] as usize;
+                    windows.push(along.iter().flat_map(|i| across.iter().map(|j| cell(i, j) * channels)).collect());
+                }
+            }
+        }
+        Ok(windows)
+    }
+}
+
+impl CustomOp1 for Largest {
+    fn name(&self) -> &'static str {
+        "max-pool"
+    }
+
+    fn cpu_fwd(&self, storage: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
+        let (x, shape) = (slice(storage, layout)?, self.outputs(layout.shape())?);
+        let channels = shape.dims4()?.3;
+        let mut y = vec![f32::NEG_INFINITY; shape.elem_count()];
+        for (y, window) in y.chunks_exact_mut(channels.max(1)).zip(self.windows(layout.shape())?) {
+            for at in window {
+                y.iter_mut().zip(&x[at..at + channels]).for_each(|(y, x)| *y = y.max(*x));
+            }
+        }
+        Ok((CpuStorage::F32(y), shape))
+    }
+
+    fn bwd(&self, x: &Tensor, res: &Tensor, grad: &Tensor) -> Result<Option<Tensor>> {
+        Ok(Some(x.detach().apply_op3_no_bwd(&res.detach(), &grad.contiguous()?, self)?))
+    }
+}
+
+impl CustomOp3 for Largest {
+    fn name(&self) -> &'static str {
+        "max-pool-adjoint"
+    }
+
+    fn cpu_fwd(
+        &self,
+        s1: &CpuStorage,
+        l1: &Layout,
+        s2: &CpuStorage,
+        l2: &Layout,
+        s3: &CpuStorage,
+        l3: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (x, y, grad) = (slice(s1, l1)?, slice(s2, l2)?, slice(s3, l3)?);
+        let channels = l1.shape().dims4()?.3;
+        let mut dx = vec![0f32; x.len()];
+        let mut left = vec![0f32; channels];
+        let rows = y.chunks_exact(channels.max(1)).zip(grad.chunks_exact(channels.max(1)));
+        for ((y, grad), window) in rows.zip(self.windows(l1.shape())?) {
+            left.copy_from_slice(grad);
+            for at in window {
+                let (x, dx) = (&x[at..at + channels], &mut dx[at..at + channels]);
+                for c in 0..channels {
+                    // The first that is largest takes what is left, which is then nothing.
+                    let taken = if x[c] == y[c] { left[c] } else { 0. };
+                    dx[c] += taken;
+                    left[c] -= taken;
+                }
+            }
+        }
+        Ok((CpuStorage::F32(dx), l1.shape().clone()))
+    }
 }
 
 #[cfg(test)]
@@ -103,5 +203,28 @@ mod tests {
         let y = max_pool(&x, overlapping, Window::of(2)).unwrap();
         assert_eq!(y.dims(), [1, 1, 2, 2]);
         assert_eq!(y.flatten_all().unwrap().to_vec1::<f32>().unwrap(), [18., 19., 22., 23.]);
+    }
+
+    #[test]
+    fn one_operation_gives_the_values_and_gradients_of_the_graph() {
+        let numbers = |shape: &[usize], from: f32| {
+            let count = shape.iter().product::<usize>();
+            let values: Vec<f32> = (0..count).map(|i| (from + 1.7 * i as f32).sin()).collect();
+            Var::from_tensor(&Tensor::from_vec(values, shape, &Device::Cpu).unwrap()).unwrap()
+        };
+        let x = numbers(&[2, 7, 5, 3], 0.4);
+        let overlapping = Window { kernel: 3, stride: 2, padding: 0, ceil: false };
+        let padded = Window { padding: 1, ..Window::of(2) };
+        let half = Window { ceil: true, ..Window::of(2) };
+        for (along, across) in [(overlapping, overlapping), (padded, half), (half, Window::of(1))] {
+            let of = |y: Tensor| {
+                let upstream = numbers(y.dims(), 2.1);
+                let grads = (&y * upstream.as_tensor()).unwrap().sum_all().unwrap().backward().unwrap();
+                [y, grads.get(&x).unwrap().clone()].map(|t| t.flatten_all().unwrap().to_vec1::<f32>().unwrap())
+            };
+            let (ours, theirs) = (of(max_pool(&x, along, across).unwrap()), of(in_graph(&x, along, across).unwrap()));
+            assert_eq!(ours[0], theirs[0]);
+            assert!(ours[1].iter().zip(&theirs[1]).all(|(a, b)| (a - b).abs() < 1e-6));
+        }
     }
 }

@@ -33,8 +33,12 @@ pub struct Recipe {
     pub learning_rate: f64,
     /// Factor on it after each epoch: 1; STDAN 0.6.
     pub decay: f64,
+    /// Share of every weight that Adam takes off in a step, per unit of learning rate: 0.
+    pub weight_decay: f64,
     /// Longest gradient, over all weights together: 10. 0 is off.
     pub clip_norm: f64,
+    /// Share of training windows that are seen with left and right exchanged: 0.
+    pub mirror: f64,
     /// How manoeuvre probabilities are learned.
     pub class_loss: ClassLoss,
     /// Whether they are from the first epoch on (STDAN) or only after the warm-up.
@@ -67,6 +71,9 @@ impl Recipe {
         if !positive(self.unit_m) {
             return refuse("unit_m", self.unit_m, "give a length in m, such as 0.3048");
         }
+        if !(0. ..=1.).contains(&self.mirror) {
+            return refuse("mirror", self.mirror, "give a share between 0 (as published) and 1");
+        }
         self.training().check().map_err(|error| LearnedError::Train(Box::new(error)))
     }
 
@@ -90,7 +97,7 @@ impl Recipe {
             site_balance: 0.,
             learning_rate: self.learning_rate,
             schedule,
-            weight_decay: 0.,
+            weight_decay: self.weight_decay,
             clip_norm: self.clip_norm,
             patience: 0,
             seed: self.seed,
@@ -103,7 +110,7 @@ mod tests {
     use super::*;
 
     const GOOD: &str = "warm_up_epochs = 5\nlikelihood_epochs = 3\nbatch = 128\nepoch_windows = 0\nlearning_rate = 1e-3\n\
-                        decay = 0.5\nclip_norm = 10.0\nclass_loss = \"binary\"\nclass_loss_in_warm_up = false\n\
+                        decay = 0.5\nweight_decay = 0.0\nclip_norm = 10.0\nmirror = 0.5\nclass_loss = \"binary\"\nclass_loss_in_warm_up = false\n\
                         unit_m = 0.3048\nfused_targets = 8\nseed = 1\n";
 
     fn parse(text: &str) -> Result<Recipe, String> {
@@ -129,6 +136,8 @@ mod tests {
             ("decay = 0.5", "decay = 0.0", "decay"),
             ("unit_m = 0.3048", "unit_m = -1.0", "unit_m"),
             ("batch = 128", "batch = 0", "batch"),
+            ("mirror = 0.5", "mirror = 1.5", "mirror"),
+            ("weight_decay = 0.0", "weight_decay = -1.0", "weight_decay"),
             ("warm_up_epochs = 5\nlikelihood_epochs = 3", "warm_up_epochs = 0\nlikelihood_epochs = 0", "epochs"),
         ] {
             assert!(parse(&GOOD.replace(good, bad)).expect_err(bad).contains(key), "{bad}");

@@ -5,28 +5,31 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use candle_core::{CpuStorage, CustomOp2, Device, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
 use crate::cell;
+use crate::rows::{add_row, slice, sum_rows};
 
 /// Rows of a chunk: small enough that a chunk's states stay in the cache.
 const CHUNK: usize = 64;
 
 /// `h` of every point, `[points, rows, hidden]`, from what enters the gates but for the recurrent
 /// part: `gates` `[points, rows, 4 * hidden]`, or `[1, rows, 4 * hidden]` for the same input at all
-/// `points`. The start is zero; `weight` `[4 * hidden, hidden]` in PyTorch's gate order.
-pub(crate) fn lstm_states(gates: &Tensor, weight: &Tensor, points: usize) -> Result<Tensor> {
+/// `points`. The start is zero; `weight` `[4 * hidden, hidden]` in PyTorch's gate order, `bias`
+/// `[4 * hidden]`.
+pub(crate) fn lstm_states(gates: &Tensor, weight: &Tensor, bias: &Tensor, points: usize) -> Result<Tensor> {
     let hidden = weight.dim(1)?;
     if weight.device().is_cpu() && hidden.is_multiple_of(cell::LINE) && gates.dim(1)? > 0 {
         let op = Steps { points, keep: gates.track_op() || weight.track_op(), kept: Mutex::default() };
-        return gates.contiguous()?.apply_op2(&weight.contiguous()?, op);
+        return gates.contiguous()?.apply_op3(&weight.contiguous()?, &bias.contiguous()?, op);
     }
-    in_steps(gates, weight, points)
+    in_steps(gates, weight, bias, points)
 }
 
 /// The same from candle's operations: for other devices and widths, and to test against.
-fn in_steps(gates: &Tensor, weight: &Tensor, points: usize) -> Result<Tensor> {
+fn in_steps(gates: &Tensor, weight: &Tensor, bias: &Tensor, points: usize) -> Result<Tensor> {
+    let gates = gates.broadcast_add(bias)?;
     let hidden = weight.dim(1)?;
     let (constant, transposed) = (gates.dim(0)? == 1, weight.t()?);
     let mut state: Option<(Tensor, Tensor)> = None;
@@ -92,13 +95,22 @@ fn product(a: &[f32], m: usize, b: &Tensor) -> Result<Vec<f32>> {
 }
 
 /// The chunk's `h` `[points, count, hidden]` and what is kept.
-fn forward(sizes: Sizes, first: usize, count: usize, gates: &[f32], weight: &Tensor) -> Result<(Vec<f32>, Kept)> {
+fn forward(
+    sizes: Sizes,
+    (first, count): (usize, usize),
+    gates: &[f32],
+    weight: &Tensor,
+    bias: &[f32],
+) -> Result<(Vec<f32>, Kept)> {
     let Sizes { points, hidden: n, .. } = sizes;
     let mut h = vec![0f32; points * count * n];
     let mut kept = Kept { gates: vec![0.; points * count * 4 * n], cells: vec![0.; points * count * n] };
     for t in 0..points {
         let now = &mut kept.gates[t * count * 4 * n..][..count * 4 * n];
-        now.copy_from_slice(&gates[sizes.input(t, first) * 4 * n..][..count * 4 * n]);
+        let given = gates[sizes.input(t, first) * 4 * n..].chunks_exact(4 * n);
+        for (now, given) in now.chunks_exact_mut(4 * n).zip(given) {
+            now.iter_mut().zip(given.iter().zip(bias)).for_each(|(now, (given, bias))| *now = given + bias);
+        }
         let mut cells = vec![0f32; count * n];
         if t > 0 {
             let sums = product(&h[(t - 1) * count * n..][..count * n], count, weight)?;
@@ -131,17 +143,20 @@ fn backward(sizes: Sizes, first: usize, count: usize, kept: &Kept, dh: &[f32], w
     Ok(dgates)
 }
 
-fn slice<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
-    let (from, to) = layout.contiguous_offsets().ok_or_else(|| candle_core::Error::msg("lstm: not contiguous"))?;
-    Ok(&storage.as_slice::<f32>()?[from..to])
-}
-
-impl CustomOp2 for Steps {
+impl CustomOp3 for Steps {
     fn name(&self) -> &'static str {
         "lstm-states"
     }
 
-    fn cpu_fwd(&self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout) -> Result<(CpuStorage, Shape)> {
+    fn cpu_fwd(
+        &self,
+        s1: &CpuStorage,
+        l1: &Layout,
+        s2: &CpuStorage,
+        l2: &Layout,
+        s3: &CpuStorage,
+        l3: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
         let (first_dim, rows, _) = l1.shape().dims3()?;
         let hidden = l2.shape().dims2()?.1;
         let points = self.points;
@@ -149,13 +164,11 @@ impl CustomOp2 for Steps {
         if !(sizes.constant || first_dim == points) {
             candle_core::bail!("lstm: {first_dim} points of input for {points} points");
         }
-        let gates = slice(s1, l1)?;
+        let (gates, bias) = (slice(s1, l1)?, slice(s3, l3)?);
         let weight = Tensor::from_slice(slice(s2, l2)?, l2.shape(), &Device::Cpu)?.t()?.contiguous()?;
         let chunks = sizes.chunks();
-        let parts: Vec<(Vec<f32>, Kept)> = chunks
-            .par_iter()
-            .map(|(first, count)| forward(sizes, *first, *count, gates, &weight))
-            .collect::<Result<_>>()?;
+        let parts: Vec<(Vec<f32>, Kept)> =
+            chunks.par_iter().map(|chunk| forward(sizes, *chunk, gates, &weight, bias)).collect::<Result<_>>()?;
         let mut h = vec![0f32; points * rows * hidden];
         let mut kept = Vec::with_capacity(parts.len());
         for ((first, count), (part, keep)) in chunks.iter().zip(parts) {
@@ -174,9 +187,10 @@ impl CustomOp2 for Steps {
         &self,
         gates: &Tensor,
         weight: &Tensor,
+        _: &Tensor,
         res: &Tensor,
         grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let (points, rows, hidden) = res.dims3()?;
         let sizes = Sizes { points, rows, hidden, constant: gates.dim(0)? == 1 };
         let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
@@ -197,6 +211,9 @@ impl CustomOp2 for Steps {
                 all[(t * rows + first) * 4 * hidden..][..count * 4 * hidden].copy_from_slice(part);
             }
         }
+        let width = 4 * hidden;
+        let dbias = sum_rows(points * rows, width, |at, sums| add_row(sums, &all[at..at + width]));
+        let dbias = Tensor::from_vec(dbias, width, &Device::Cpu)?;
         let all = Tensor::from_vec(all, (points, rows, 4 * hidden), &Device::Cpu)?;
         let dweight = if points > 1 {
             let later = all.narrow(0, 1, points - 1)?.flatten(0, 1)?;
@@ -206,7 +223,7 @@ impl CustomOp2 for Steps {
             weight.zeros_like()?
         };
         let dgates = if sizes.constant { all.sum_keepdim(0)? } else { all };
-        Ok((Some(dgates), Some(dweight)))
+        Ok((Some(dgates), Some(dweight), Some(dbias)))
     }
 }
 
@@ -228,21 +245,22 @@ mod tests {
     #[test]
     fn one_operation_gives_the_values_and_gradients_of_the_graph() {
         let (points, rows, hidden) = (5, 67, 16);
-        let weight = numbers((4 * hidden, hidden), 0.3);
+        let (weight, bias) = (numbers((4 * hidden, hidden), 0.3), numbers(4 * hidden, 1.6));
         for given in [points, 1] {
             let gates = numbers((given, rows, 4 * hidden), 0.9);
             let upstream = numbers((points, rows, hidden), 2.).as_tensor().clone();
             let run = |fused: bool| {
                 let f = if fused { lstm_states } else { in_steps };
-                let h = f(gates.as_tensor(), weight.as_tensor(), points).unwrap();
+                let h = f(gates.as_tensor(), weight.as_tensor(), bias.as_tensor(), points).unwrap();
                 let grads = (&h * &upstream).unwrap().sum_all().unwrap().backward().unwrap();
-                (h, grads.get(&gates).unwrap().clone(), grads.get(&weight).unwrap().clone())
+                (h, [&gates, &weight, &bias].map(|var| grads.get(var).unwrap().clone()))
             };
-            let ((h, dg, dw), (h2, dg2, dw2)) = (run(true), run(false));
+            let ((h, [dg, dw, db]), (h2, [dg2, dw2, db2])) = (run(true), run(false));
             assert_eq!(h.dims(), [points, rows, hidden]);
             assert!(largest(&h, &h2) < 1e-6);
             assert!(largest(&dg, &dg2) < 1e-5);
             assert!(largest(&dw, &dw2) < 1e-4, "{}", largest(&dw, &dw2));
+            assert!(largest(&db, &db2) < 1e-4, "{}", largest(&db, &db2));
         }
     }
 
@@ -250,6 +268,7 @@ mod tests {
     fn widths_that_make_no_vectors_take_the_graph() {
         let gates = Tensor::zeros((3, 2, 12), DType::F32, &Device::Cpu).unwrap();
         let weight = Tensor::zeros((12, 3), DType::F32, &Device::Cpu).unwrap();
-        assert_eq!(lstm_states(&gates, &weight, 3).unwrap().dims(), [3, 2, 3]);
+        let bias = Tensor::zeros(12, DType::F32, &Device::Cpu).unwrap();
+        assert_eq!(lstm_states(&gates, &weight, &bias, 3).unwrap().dims(), [3, 2, 3]);
     }
 }

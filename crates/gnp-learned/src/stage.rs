@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use candle_core::{D, Tensor, Var};
-use gnp_data::{Observation, Truth, Window, WindowId, WindowSet};
+use gnp_data::{Truth, Window, WindowId, WindowSet};
 use gnp_nn::Weights;
-use gnp_train::{EpochReport, Observer, Plan, Stage, Sums, TrainError};
+use gnp_train::{EpochReport, Observer, Plan, Stage, Sums, TrainError, mix};
 
 use crate::gauss::mixture_nll;
 use crate::kind::LearnedKind;
@@ -14,6 +14,7 @@ use crate::manoeuvre::{LATERAL, Manoeuvre};
 use crate::net::Net;
 use crate::network::{Ask, Classes, Output, one_hot};
 use crate::recipe::{ClassLoss, Recipe};
+use crate::seen::{Seen, Side};
 
 /// Trains a network by its [`Recipe`].
 ///
@@ -62,11 +63,30 @@ impl<'a> RecipeStage<'a> {
         batch.iter().map(view).collect()
     }
 
-    fn forward(&self, windows: &[Window<'_>], ask: Ask<'_>) -> candle_core::Result<Output> {
-        let observations: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
+    /// The windows at the indices `batch` of `ids`, as the network is to see them.
+    fn seen(&self, windows: &[Window<'a>], sides: &[Side]) -> Vec<Seen<'a>> {
+        let seen = |(window, side): (&Window<'a>, &Side)| Seen { observation: window.observation(), side: *side };
+        windows.iter().zip(sides).map(seen).collect()
+    }
+
+    fn forward(&self, windows: &[Window<'_>], sides: &[Side], ask: Ask<'_>) -> candle_core::Result<Output> {
         let truths: Option<Vec<Truth<'_>>> =
             self.kind.is_informed().then(|| windows.iter().map(Window::truth).collect());
-        self.net.forward(&observations, truths.as_deref(), ask)
+        self.net.forward(&self.seen(windows, sides), truths.as_deref(), ask)
+    }
+
+    /// Where the windows really went, `[windows, 1, points, 2]`.
+    fn futures(&self, windows: &[Window<'_>], sides: &[Side]) -> candle_core::Result<Tensor> {
+        let truths = windows.iter().map(Window::truth).zip(sides.iter().copied());
+        self.net.inputs.futures(truths, self.net.device())?.unsqueeze(1)
+    }
+
+    /// What the class loss counts beside a squared error in the networks' unit: as much as it does beside
+    /// one in square feet, in which the networks were published. Without it, a longer unit makes the
+    /// squared error small and the encoder learns classes instead of futures. A likelihood needs no such
+    /// weight: another unit only adds a constant to it.
+    fn class_weight(&self) -> f64 {
+        (FOOT / f64::from(self.net.inputs.unit_m)).powi(2)
     }
 
     fn class_loss(&self, classes: &Classes, manoeuvres: &[Manoeuvre]) -> candle_core::Result<Option<Tensor>> {
@@ -86,6 +106,16 @@ impl<'a> RecipeStage<'a> {
         let [lateral, longitudinal] = pairs.map(|(p, labels)| loss(p, &labels));
         Ok(Some((lateral? + longitudinal?)?))
     }
+}
+
+/// Length of a foot, m: the unit of the published networks.
+const FOOT: f64 = 0.3048;
+
+/// Which side is left in a training window, mirrored with probability `share`; `seed` is its own.
+fn drawn(share: f64, seed: u64) -> Side {
+    // The upper 53 bits are a number from 0 to below 1.
+    let uniform = (seed >> 11) as f64 / (1u64 << 53) as f64;
+    if uniform < share { Side::Mirrored } else { Side::Recorded }
 }
 
 /// Keeps logarithms of probabilities finite, and gradients where a class has died out.
@@ -121,19 +151,25 @@ impl Stage for RecipeStage<'_> {
         self.validation.len()
     }
 
-    fn loss(&self, batch: &[usize], _step_seed: u64) -> Result<Tensor, TrainError> {
+    fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
         let windows = self.windows(self.train, batch)?;
+        let sides: Vec<Side> = (0..batch.len()).map(|i| drawn(self.recipe.mirror, mix(step_seed, i as u64))).collect();
         let clock = self.net.inputs.clock;
-        let manoeuvres: Vec<Manoeuvre> = windows.iter().map(|window| Manoeuvre::of(window, clock)).collect();
-        let output = self.forward(&windows, Ask::Train(&manoeuvres))?;
-        let truth = self.net.inputs.futures(&windows, self.net.device())?.unsqueeze(1)?;
+        let manoeuvre = |(window, side): (&Window<'_>, &Side)| {
+            let recorded = Manoeuvre::of(window, clock);
+            Manoeuvre { lateral: side.lateral(recorded.lateral), ..recorded }
+        };
+        let manoeuvres: Vec<Manoeuvre> = windows.iter().zip(&sides).map(manoeuvre).collect();
+        let output = self.forward(&windows, &sides, Ask::Train(&manoeuvres))?;
+        let truth = self.futures(&windows, &sides)?;
         let warm_up = self.epoch.load(Ordering::Relaxed) < self.recipe.warm_up_epochs;
         let points = if warm_up { output.gaussians.squared_error(&truth)? } else { output.gaussians.nll(&truth)? };
         let mut loss = points.mean_all()?;
         if let Some(classes) = output.classes.as_ref().filter(|_| !warm_up || self.recipe.class_loss_in_warm_up)
             && let Some(more) = self.class_loss(classes, &manoeuvres)?
         {
-            loss = (loss + more)?;
+            let weight = if warm_up { self.class_weight() } else { 1. };
+            loss = (loss + (more * weight)?)?;
         } else if let Some(classes) = &output.classes {
             // The class heads wait with a gradient of 0, which is not the same as none.
             loss = (loss + (classes.lateral.sum_all()? * 0.)? + (classes.longitudinal.sum_all()? * 0.)?)?;
@@ -143,8 +179,9 @@ impl Stage for RecipeStage<'_> {
 
     fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
         let windows = self.windows(self.validation, batch)?;
-        let output = self.forward(&windows, Ask::Predict)?;
-        let truth = self.net.inputs.futures(&windows, self.net.device())?.unsqueeze(1)?;
+        let sides = vec![Side::Recorded; windows.len()];
+        let output = self.forward(&windows, &sides, Ask::Predict)?;
+        let truth = self.futures(&windows, &sides)?;
         let unit = f64::from(self.net.inputs.unit_m);
         let squares = output.gaussians.squared_error(&truth)?.to_vec3::<f32>()?;
         let log_p = output.log_probability.to_vec2::<f32>()?;

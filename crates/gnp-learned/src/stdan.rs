@@ -55,6 +55,12 @@ impl StdanSizes {
 /// The released code also holds 8,336 weights that it never uses; they are left out. Its social
 /// attention looks at all cells of the grid, also where nobody stands. Masked, it looks at vehicles
 /// only, and at nothing where there are none.
+///
+/// Its decoder tells positions by 64 states between -1 and 1 and a linear map of them, so that the end of
+/// a fast vehicle's path needs the largest weights and is learned last. Trained for too few steps or at
+/// too low a rate, it follows the truth up to 4 s and then falls behind, on the windows that it learns
+/// from as well: on US-101 by 4.3 m at 5 s after 14 epochs at a rate of 1e-3, by 2.0 m at 3e-3. That is
+/// a matter of the recipe, not of the points, which end at the last predicted frame.
 #[derive(Debug)]
 pub(crate) struct Stdan {
     sizes: StdanSizes,

@@ -11,6 +11,8 @@ use gnp_train::{BatchReport, Observer, Stage, TrainError};
 
 use crate::learned::inputs;
 use crate::net::Net;
+use crate::network::Ask;
+use crate::seen::{Seen, Side};
 use crate::stage::{RecipeStage, is_statistic};
 use crate::{ClassLoss, Learned, LearnedError, LearnedKind, Recipe, Training};
 
@@ -26,7 +28,9 @@ fn recipe() -> Recipe {
         epoch_windows: 21,
         learning_rate: 1e-3,
         decay: 0.9,
+        weight_decay: 0.,
         clip_norm: 10.,
+        mirror: 0.,
         class_loss: ClassLoss::Binary,
         class_loss_in_warm_up: false,
         unit_m: 0.3048,
@@ -56,23 +60,22 @@ fn networks_have_as_many_weights_as_the_published_ones() {
     assert_eq!(count(LearnedKind::PipNoPlan, 0), 195_082);
 }
 
-/// A network that was not trained, in the phase of likelihood.
-fn with_stage(kind: LearnedKind, check: impl Fn(&RecipeStage<'_>, &Weights)) {
+/// A network that was not trained, after `epochs` epochs of `recipe`.
+fn with_stage<T>(kind: LearnedKind, recipe: &Recipe, epochs: usize, check: impl Fn(&RecipeStage<'_>) -> T) -> T {
     let recordings = [road::plain()];
     let (set, _) = WindowSet::cut(&recordings, &road::config()).unwrap();
-    let recipe = recipe();
     let weights = Weights::seeded(recipe.seed, &Device::Cpu);
-    let net = Net::new(kind, &recipe, inputs(set.shape(), recipe.unit_m).unwrap(), &weights.builder()).unwrap();
-    let epoch = AtomicUsize::new(recipe.warm_up_epochs);
+    let net = Net::new(kind, recipe, inputs(set.shape(), recipe.unit_m).unwrap(), &weights.builder()).unwrap();
+    let epoch = AtomicUsize::new(epochs);
     let (train, validation) = (set.ids(), set.ids());
-    let (net, weights, recipe, set, epoch) = (&net, &weights, &recipe, &set, &epoch);
-    check(&RecipeStage { kind, net, weights, recipe, set, train, validation, epoch }, weights);
+    let (net, weights, set, epoch) = (&net, &weights, &set, &epoch);
+    check(&RecipeStage { kind, net, weights, recipe, set, train, validation, epoch })
 }
 
 #[test]
 fn gradients_are_differences_and_reach_every_weight() {
     for kind in TRAINED {
-        with_stage(kind, |stage, _| {
+        with_stage(kind, &recipe(), recipe().warm_up_epochs, |stage| {
             let batch = [0, 11, 23];
             let loss = || f64::from(stage.loss(&batch, 0).unwrap().to_scalar::<f32>().unwrap());
             let grads = stage.loss(&batch, 0).unwrap().backward().unwrap();
@@ -108,6 +111,67 @@ fn gradients_are_differences_and_reach_every_weight() {
             }
         });
     }
+}
+
+#[test]
+fn classes_count_beside_a_squared_error_as_they_do_in_feet() {
+    let loss = |epochs: usize, class_loss, unit_m| {
+        let recipe = Recipe { class_loss, class_loss_in_warm_up: true, unit_m, ..recipe() };
+        let loss = |stage: &RecipeStage<'_>| stage.loss(&[0, 11, 23], 0).unwrap().to_scalar::<f32>().unwrap();
+        with_stage(LearnedKind::Stdan, &recipe, epochs, loss)
+    };
+    let classes = |epochs, unit_m| loss(epochs, ClassLoss::Categorical, unit_m) - loss(epochs, ClassLoss::None, unit_m);
+    let (warm_up, likelihood) = (classes(0, 3.048), classes(1, 3.048));
+    assert!(likelihood > 1., "two cross-entropies of three classes: {likelihood}");
+    assert!((warm_up - 0.01 * likelihood).abs() < 1e-4, "{warm_up} {likelihood}");
+    let (warm_up, likelihood) = (classes(0, 0.3048), classes(1, 0.3048));
+    assert!((warm_up - likelihood).abs() < 1e-2, "{warm_up} {likelihood}");
+}
+
+#[test]
+fn a_mirrored_window_is_a_window_of_the_mirrored_road() {
+    let (plain, mirrored) = (road::plain(), road::mirrored());
+    let window = |recording| Window::new(recording, road::shape(), 4, 4 * 70 + 30).unwrap();
+    let (plain, mirrored) = (window(&plain), window(&mirrored));
+    let turned = Seen { observation: plain.observation(), side: Side::Mirrored };
+    let recorded = Seen::recorded(&mirrored.observation());
+    for kind in TRAINED.into_iter().chain([LearnedKind::Stdan]) {
+        with_stage(kind, &recipe(), 0, |stage| {
+            let means = |seen: Seen<'_>, window: Window<'_>| {
+                let truths = kind.is_informed().then(|| [window.truth()]);
+                let truths = truths.as_ref().map(|truths| truths.as_slice());
+                let output = stage.net.forward(&[seen], truths, Ask::Predict).unwrap();
+                output.gaussians.mean.flatten_all().unwrap().to_vec1::<f32>().unwrap()
+            };
+            let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
+            let (turned, recorded) = (means(turned, plain), means(recorded, mirrored));
+            assert!(close(&turned, &recorded), "{kind:?}");
+            assert!(!close(&turned, &means(Seen::recorded(&plain.observation()), plain)), "{kind:?}");
+            let inputs = stage.net.inputs;
+            let futures = |window: Window<'_>, side| {
+                let futures = inputs.futures([(window.truth(), side)].into_iter(), &Device::Cpu).unwrap();
+                futures.flatten_all().unwrap().to_vec1::<f32>().unwrap()
+            };
+            assert!(close(&futures(plain, Side::Mirrored), &futures(mirrored, Side::Recorded)));
+        });
+    }
+    assert_eq!([0, 1, 2].map(|class| Side::Mirrored.lateral(class)), [0, 2, 1]);
+}
+
+#[test]
+fn the_share_of_mirrored_windows_is_that_of_the_recipe() {
+    let differs = |mirror: f64| {
+        let recipe = Recipe { mirror, ..recipe() };
+        with_stage(LearnedKind::CsLstm, &recipe, 0, |stage| {
+            let loss = |seed| stage.loss(&[5], seed).unwrap().to_scalar::<f32>().unwrap();
+            let recorded = with_stage(LearnedKind::CsLstm, &self::recipe(), 0, |plain| {
+                plain.loss(&[5], 0).unwrap().to_scalar::<f32>().unwrap()
+            });
+            (0..60).filter(|seed| loss(*seed) != recorded).count()
+        })
+    };
+    assert_eq!((differs(0.), differs(1.)), (0, 60));
+    assert!((10..30).contains(&differs(0.3)), "{}", differs(0.3));
 }
 
 /// A network that was not trained, as a predictor.

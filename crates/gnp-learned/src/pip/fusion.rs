@@ -8,6 +8,9 @@ use crate::grid::{PLACE_COLUMNS, PLACE_ROWS};
 use crate::norm::BatchNorm;
 use crate::pooling::{Window, max_pool};
 
+/// Slope of a rectifier below 0.
+const RELU: f32 = 0.;
+
 /// Two convolutions down, two transposed ones up, with one shortcut.
 #[derive(Clone, Debug)]
 pub(crate) struct Fusion {
@@ -44,13 +47,13 @@ impl Fusion {
     ) -> Result<Tensor> {
         let half = Window { ceil: true, ..Window::of(2) };
         let [(first, first_norm), (second, second_norm)] = &self.down;
-        let x = first.forward_sparse(codes, cells, scenes, [PLACE_ROWS, PLACE_COLUMNS])?.relu()?;
+        let x = first.forward_sparse(codes, cells, scenes, [PLACE_ROWS, PLACE_COLUMNS], RELU)?;
         let halved = max_pool(&first_norm.forward(&x, training)?, half, half)?;
-        let x = second_norm.forward(&second.forward(&halved)?.relu()?, training)?;
+        let x = second_norm.forward(&second.forward(&halved, RELU)?, training)?;
         let quartered = max_pool(&x, half, half)?;
         let [(first, first_norm), (second, second_norm)] = &self.up;
-        let x = first_norm.forward(&(first.forward(&quartered)?.relu()? + &halved)?, training)?;
-        let x = second_norm.forward(&second.forward(&x)?.relu()?, training)?;
+        let x = first_norm.forward(&(first.forward(&quartered, RELU)? + &halved)?, training)?;
+        let x = second_norm.forward(&second.forward(&x, RELU)?, training)?;
         x.flatten(0, 2)?.index_select(&Tensor::new(read, codes.device())?, 0)
     }
 }

@@ -6,6 +6,7 @@ use gnp_data::{Neighbour, Observation, State, Truth};
 
 use crate::grid::{Grid, PLACE_CELLS, PLACE_CENTRE, by_place, place_cell};
 use crate::inputs::{Inputs, by_time};
+use crate::seen::Seen;
 
 /// Where the ego's plan comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,11 +113,11 @@ fn with_neighbours(path: &[[f32; 2]]) -> Vec<[f32; 6]> {
 }
 
 impl Scenes {
-    /// Scenes of `observations` with at most `most` targets each. `truths` are read for
+    /// Scenes of `windows` with at most `most` targets each. `truths` are read for
     /// [`Plan::Recorded`] alone.
     pub(crate) fn new(
         inputs: &Inputs,
-        observations: &[Observation<'_>],
+        windows: &[Seen<'_>],
         source: Plan,
         truths: Option<&[Truth<'_>]>,
         most: usize,
@@ -131,7 +132,8 @@ impl Scenes {
         let (mut neighbour_paths, mut cells) = (Vec::new(), Vec::new());
         let (mut plans, mut plan_cells) = (Vec::new(), Vec::new());
         let mut without_ego = 0;
-        for (b, observation) in observations.iter().enumerate() {
+        for (b, Seen { observation, side }) in windows.iter().enumerate() {
+            let side = *side;
             let truth = truths.and_then(|truths| truths.get(b));
             let ego = ego(&by_place(observation), truth, observation.shape().predicted.saturating_sub(1));
             without_ego += usize::from(ego.is_none());
@@ -139,15 +141,15 @@ impl Scenes {
             scored.push(target_paths.len() as u32);
             for Target { observation: target, cell } in targets(observation, ego.as_ref(), most) {
                 let n = target_paths.len();
-                target_cells.push((PLACE_CELLS * b + cell) as u32);
-                let path = inputs.target(&target);
+                target_cells.push((PLACE_CELLS * b + side.place_cell(cell)) as u32);
+                let path = inputs.target(&Seen { observation: target, side });
                 for occupant in by_place(&target).occupants {
-                    let mut other = inputs.neighbour(&occupant.neighbour);
+                    let mut other = inputs.neighbour(&occupant.neighbour, side);
                     for (other, own) in other.iter_mut().zip(&path) {
                         *other = [other[0] - own[0], other[1] - own[1]];
                     }
                     neighbour_paths.push(with_neighbours(&other));
-                    cells.push((PLACE_CELLS * n + occupant.cell) as u32);
+                    cells.push((PLACE_CELLS * n + side.place_cell(occupant.cell)) as u32);
                 }
                 target_paths.push(with_neighbours(&path));
                 let (from, to) = (observation.origin(), target.origin());
@@ -156,15 +158,15 @@ impl Scenes {
                 let cell = ego.as_ref().map(|ego| moved(ego.now())).and_then(|now| place_cell([now.x, now.y]));
                 if let Some(cell) = cell.filter(|_| source != Plan::None) {
                     let reversed: Vec<[f32; 2]> =
-                        planned.iter().rev().map(|state| inputs.point(moved(*state))).collect();
+                        planned.iter().rev().map(|state| inputs.point(side.turn(moved(*state)))).collect();
                     plans.push(with_neighbours(&reversed));
-                    plan_cells.push((PLACE_CELLS * n + cell) as u32);
+                    plan_cells.push((PLACE_CELLS * n + side.place_cell(cell)) as u32);
                 }
             }
         }
         let past = inputs.clock.past();
         Ok(Self {
-            windows: observations.len(),
+            windows: windows.len(),
             targets: by_time(&target_paths, past, device)?,
             scored,
             target_cells,

@@ -10,6 +10,7 @@ use gnp_nn::Weights;
 use super::*;
 use crate::clock::Clock;
 use crate::inputs::Inputs;
+use crate::seen::Seen;
 
 fn published() -> StdanSizes {
     StdanSizes::published(16, 25)
@@ -241,7 +242,9 @@ fn forecast(recording: &Recording, order: [usize; 5], masked: bool) -> Vec<u32> 
         let track = order.iter().position(|listed| *listed == car).unwrap();
         Observation::new(recording, SHAPE, track, track * 81 + 30).unwrap()
     });
-    let past = Inputs { clock, unit_m: 0.3048 }.past(&targets, true, &Device::Cpu).unwrap();
+    let past = Inputs { clock, unit_m: 0.3048 }
+        .past(&targets.map(|target| Seen::recorded(&target)), true, &Device::Cpu)
+        .unwrap();
     assert_eq!(past.cells.len(), 4 + 2, "two are two lanes away from the second target");
     let output = net(published(), masked).0.forward(&past, Ask::Predict).unwrap();
     assert_eq!(output.gaussians.mean.dims(), [2, 1, 25, 2]);

@@ -2,6 +2,7 @@
 
 use gnp_data::{
     Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowConfig,
+    WindowShape,
 };
 
 const FRAMES: usize = 70;
@@ -67,6 +68,24 @@ pub(super) fn recording(id: impl Fn(usize) -> u32, moved: impl Fn(usize, usize) 
 /// The recording with vehicles numbered in the order of the list, nothing moved.
 pub(super) fn plain() -> Recording {
     recording(|vehicle| 1 + vehicle as u32, |_, _| [0.; 2])
+}
+
+/// The plain recording with left and right exchanged.
+pub(super) fn mirrored() -> Recording {
+    let plain = plain();
+    let mut columns = plain.columns().clone();
+    columns.y.iter_mut().for_each(|y| *y = -*y);
+    let mut roads = plain.roads().to_vec();
+    for road in &mut roads {
+        road.lines.reverse();
+        road.lines.iter_mut().for_each(|line| line.y = -line.y);
+    }
+    Recording::from_parts(plain.meta().clone(), roads, plain.tracks().to_vec(), columns).unwrap()
+}
+
+/// Their shape.
+pub(super) fn shape() -> WindowShape {
+    WindowShape { observed: 13, predicted: 10, step: 1, rate_hz: 10. }
 }
 
 /// Windows of 7 past and 5 future points at 5 Hz.
