@@ -353,7 +353,7 @@ mod tests {
     fn blocks_end_at_the_last_observed_frame() {
         assert_eq!(blocks(0., 4), [0..1, 1..2, 2..3, 3..4]);
         assert_eq!(blocks(0.3, 7), [1..4, 4..7], "the first frame is left over");
-        assert_eq!(blocks(9., 7), [0..7], "no longer than the past");
+        assert_eq!(blocks(9., 7), vec![Range { start: 0, end: 7 }], "no longer than the past");
     }
 
     #[test]

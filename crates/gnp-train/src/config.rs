@@ -89,7 +89,7 @@ impl TrainConfig {
 mod tests {
     use super::*;
 
-    const GOOD: &str = "epochs = 7\nbatch = 3\nepoch_windows = 0\nlearning_rate = 1e-4\nschedule = { kind = \"constant\" }\n\
+    const GOOD: &str = "epochs = 7\nbatch = 3\nepoch_windows = 0\nsite_balance = 0.0\nlearning_rate = 1e-4\nschedule = { kind = \"constant\" }\n\
                         weight_decay = 0.0\nclip_norm = 1.0\npatience = 2\nseed = 5\n";
 
     fn parse(text: &str) -> Result<TrainConfig, String> {
@@ -114,6 +114,7 @@ mod tests {
         let cases = [
             ("epochs = 7", "epochs = 0", "epochs"),
             ("batch = 3", "batch = 0", "batch"),
+            ("site_balance = 0.0", "site_balance = 1.5", "site_balance"),
             ("learning_rate = 1e-4", "learning_rate = 0.0", "learning_rate"),
             ("learning_rate = 1e-4", "learning_rate = nan", "learning_rate"),
             ("weight_decay = 0.0", "weight_decay = -1.0", "weight_decay"),

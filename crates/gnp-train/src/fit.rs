@@ -292,8 +292,9 @@ impl<'a> Run<'a> {
         let sites = self.stage.validation_sites();
         let balance = if sites.is_empty() { 0. } else { self.config.site_balance };
         for window in 0..self.stage.validation_len() {
-            let site = if balance > 0. { sites[window] } else { 0 };
-            by_site.entry(site).or_default().push(window);
+            // Without balance all are of one site, so that batches are as large as they can be.
+            let site = sites.get(window).copied().filter(|_| balance > 0.);
+            by_site.entry(site.unwrap_or(0)).or_default().push(window);
         }
         let mut scored = Vec::with_capacity(by_site.len());
         for windows in by_site.into_values() {

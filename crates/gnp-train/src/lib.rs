@@ -39,8 +39,8 @@
 //! }
 //!
 //! let config = TrainConfig {
-//!     epochs: 30, batch: 5, epoch_windows: 0, learning_rate: 0.1, schedule: Schedule::Constant {},
-//!     weight_decay: 0., clip_norm: 0., patience: 0, seed: 1,
+//!     epochs: 30, batch: 5, epoch_windows: 0, site_balance: 0., learning_rate: 0.1,
+//!     schedule: Schedule::Constant {}, weight_decay: 0., clip_norm: 0., patience: 0, seed: 1,
 //! };
 //! let stage = Offset(Var::new(&[0f32], &Device::Cpu)?);
 //! let stop = AtomicBool::new(false);

@@ -18,6 +18,12 @@ fn strings(value: &Value) -> Vec<&str> {
     value.as_array().unwrap().iter().map(|item| item.as_str().unwrap()).collect()
 }
 
+/// Windows in a part of a saved split.
+fn windows_of(split: &Value, part: &str) -> u64 {
+    let tracks = split[part].as_object().unwrap().values().flat_map(|tracks| tracks.as_array().unwrap());
+    tracks.map(|track| track["t0"].as_array().unwrap().len() as u64).sum()
+}
+
 /// Two of the recipes that come with the project, over in a moment.
 fn recipes(folder: &Path) -> String {
     let mut recipes: toml::Table = fs::read_to_string(root().join("configs/learned.toml")).unwrap().parse().unwrap();
@@ -49,7 +55,10 @@ fn every_system_is_trained_once_and_scored_on_the_same_windows() {
     };
     let first = table1(&[]).well();
     assert!(first.err.contains("table1: 7 of 8, S-LSTM") && first.err.contains("S-LSTM: epoch 2/2"), "{}", first.err);
-    assert_eq!(names(&place), ["differences.json", "gnp", "learned", "table1.csv", "table1.json", "table1.md"]);
+    let figures = names(&place).into_iter().filter(|name| name.contains("error-by-horizon")).count();
+    assert!(figures >= 2 && figures.is_multiple_of(2), "as SVG and as PNG: {:?}", names(&place));
+    let others: Vec<String> = names(&place).into_iter().filter(|name| !name.contains("error-by-horizon")).collect();
+    assert_eq!(others, ["differences.json", "gnp", "learned", "table1.csv", "table1.json", "table1.md"]);
     let content = json(&place.join("table1.json"));
     let blind = ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM"];
     let learned = ["S-LSTM", "CS-LSTM(M)"];
@@ -77,6 +86,33 @@ fn every_system_is_trained_once_and_scored_on_the_same_windows() {
     let again = table1(&["--resume"]).well();
     assert!(again.err.contains("goal: finished before") && !again.err.contains("epoch"), "{}", again.err);
     assert_eq!(json(&place.join("table1.json")), content);
+}
+
+#[test]
+fn over_the_folds_every_window_is_scored_once() {
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let (place, none) = (out.path().join("table"), out.path().join("none.toml"));
+    fs::write(&none, "").unwrap();
+    let more = ["--recipes", none.to_str().unwrap(), "--set", "split.folds=2", "--set", "split.kind=vehicle"];
+    let finished = run(&arguments("table1", data.path(), &place, &config, &more)).well();
+    assert!(finished.err.contains("table1: fold 2 of 2, 1 of 6, gnp"), "{}", finished.err);
+    let content = json(&place.join("table1.json"));
+    let parts = ["fold-1", "fold-2"].map(|fold| json(&place.join(fold).join("gnp/split.json")));
+    let sizes = |split: &Value| ["train", "validation", "test"].map(|part| windows_of(split, part));
+    let [first, second] = [sizes(&parts[0]), sizes(&parts[1])];
+    assert_eq!(content["windows"].as_u64().unwrap(), first[2] + second[2]);
+    assert_eq!(first.iter().sum::<u64>(), first[2] + second[2]);
+    assert_eq!(strings(&content["split_hashes"]).len(), 2);
+    assert!(content["split"].as_str().unwrap().contains("in 2 folds"), "{}", content["split"]);
+
+    // The validation part instead is said to be that.
+    let place = out.path().join("validation");
+    let more = ["--recipes", none.to_str().unwrap(), "--set", "evaluate.part=validation"];
+    run(&arguments("table1", data.path(), &place, &config, &more)).well();
+    let content = json(&place.join("table1.json"));
+    assert!(content["split"].as_str().unwrap().contains("validation part"), "{}", content["split"]);
+    let split = json(&place.join("gnp/split.json"));
+    assert_eq!(content["windows"].as_u64().unwrap(), windows_of(&split, "validation"));
 }
 
 #[test]
