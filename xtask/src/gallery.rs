@@ -70,11 +70,11 @@ fn figures_of(stem: &str, folder: &Path) -> Result<Vec<String>> {
 
 /// Pictures of the report in a browser without a window, light and dark; without a browser it says so.
 fn photograph(page: &Path, out: &Path, terminal: &Terminal) -> Result<()> {
-    let works = |name: &&&str| {
-        let version = Command::new(**name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let works = |name: &str| {
+        let version = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
         version.is_ok_and(|status| status.success())
     };
-    let Some(browser) = BROWSERS.iter().find(works) else {
+    let Some(browser) = BROWSERS.into_iter().find(|name| works(name)) else {
         terminal.note("no Chromium found (Debian: apt-get install chromium); pictures of the report stay as they are");
         return Ok(());
     };
