@@ -9,15 +9,16 @@ use re_sdk_types::blueprint::archetypes::{
     ViewContents, ViewportBlueprint,
 };
 use re_sdk_types::blueprint::components::{
-    BackgroundKind, ColumnShare, ContainerKind, IncludedContent, PanelState, QueryExpression, RootContainer,
+    BackgroundKind, ColumnShare, ContainerKind, IncludedContent, LoopMode, PanelState, QueryExpression, RootContainer,
     TimelineName, ViewClass,
 };
 use re_sdk_types::components::Name;
+use re_sdk_types::datatypes::{AbsoluteTimeRange, TimeInt};
 use re_sdk_types::external::uuid::Uuid;
 
 use crate::colour::Colour;
 use crate::error::ReplayError;
-use crate::rrd::{Chunks, color};
+use crate::rrd::{Chunks, color, nanoseconds};
 use crate::scene::Scene;
 
 /// Where the eye is from the picked vehicle, m: above the right-hand side of the road, so that forward is to the right
@@ -48,9 +49,20 @@ pub(crate) fn chunks(scene: &Scene) -> Result<Chunks, ReplayError> {
     }
     let root = blueprint.container(ContainerKind::Horizontal, &parts)?;
     blueprint.add("viewport", &ViewportBlueprint::new().with_root_container(RootContainer(root.into())))?;
-    blueprint.add("time_panel", &TimePanelBlueprint::new().with_timeline(TimelineName::from("time")))?;
+    blueprint.add("time_panel", &times(scene))?;
     blueprint.add("selection_panel", &PanelBlueprint::new().with_state(PanelState::Collapsed))?;
     Ok(blueprint.chunks)
+}
+
+/// Plays in a loop what there is of the picked vehicle from its first forecast on.
+fn times(scene: &Scene) -> TimePanelBlueprint {
+    let panel = TimePanelBlueprint::new().with_timeline(TimelineName::from("time"));
+    let picked = scene.vehicles.iter().filter(|vehicle| scene.picked == Some(vehicle.id));
+    let first = picked.clone().filter_map(|vehicle| vehicle.forecasts.first()).map(|forecast| forecast.frame).min();
+    let last = picked.filter_map(|vehicle| vehicle.moments.last()).map(|moment| moment.frame).max();
+    let (Some(first), Some(last)) = (first, last) else { return panel };
+    let at = |frame| TimeInt(nanoseconds(frame, scene.rate_hz));
+    panel.with_loop_mode(LoopMode::Selection).with_time_selection(AbsoluteTimeRange { min: at(first), max: at(last) })
 }
 
 #[derive(Default)]

@@ -103,10 +103,14 @@ impl Chunks {
 
 fn time(frame: Option<u32>, rate_hz: f64) -> TimePoint {
     let Some(frame) = frame else { return TimePoint::default() };
-    let nanoseconds = (f64::from(frame) / rate_hz * 1e9).round() as i64;
     TimePoint::default()
-        .with_index("time", TimeCell::from_duration_nanos(nanoseconds))
+        .with_index("time", TimeCell::from_duration_nanos(nanoseconds(frame, rate_hz)))
         .with_index("frame", TimeCell::from_sequence(i64::from(frame)))
+}
+
+/// Time of a frame since frame 0, ns.
+pub(crate) fn nanoseconds(frame: u32, rate_hz: f64) -> i64 {
+    (f64::from(frame) / rate_hz * 1e9).round() as i64
 }
 
 fn archetype(drawing: &Drawing) -> Box<dyn AsComponents> {

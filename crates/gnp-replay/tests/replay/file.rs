@@ -7,8 +7,8 @@ use re_chunk::{Chunk, ComponentIdentifier, TimelineName};
 use re_log_encoding::{Decoder, RawRrdManifest};
 use re_log_types::{LogMsg, StoreKind};
 use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Clear, LineStrips3D, RecordingInfo, Scalars, SeriesLines};
-use re_sdk_types::blueprint::archetypes::{ViewBlueprint, ViewContents};
-use re_sdk_types::blueprint::components::QueryExpression;
+use re_sdk_types::blueprint::archetypes::{TimePanelBlueprint, ViewBlueprint, ViewContents};
+use re_sdk_types::blueprint::components::{AbsoluteTimeRange, QueryExpression};
 use re_sdk_types::components::{
     ClearIsRecursive, Color, EntityPath, HalfSize3D, LineStrip3D, Name, Position3D, Scalar, Text, Translation3D,
     Vector3D,
@@ -182,6 +182,11 @@ fn the_layout_is_active_and_shows_the_picked_vehicle() {
         assert!(origins.contains(&format!("/scalars/7/{part}")), "{origins:?}");
     }
     assert!(contents.contains(&"+ /forecasts/7/**".to_owned()), "{contents:?}");
+
+    let panel = held.layout.iter().find(|chunk| chunk.entity_path().to_string() == "/time_panel").unwrap();
+    let selected = TimePanelBlueprint::descriptor_time_selection().component;
+    let [range] = &panel.component_batch::<AbsoluteTimeRange>(selected, 0).unwrap().unwrap()[..] else { panic!() };
+    assert_eq!((range.0.min.0, range.0.max.0), (at(100), at(130)));
 
     // With nobody picked there is a road and a text.
     let mut unpicked = scene();
