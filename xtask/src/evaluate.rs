@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
-use gnp_data::{Part, Predictor as _, Split, Window, WindowId, WindowSet};
+use gnp_data::{Part, Predictor as _, Split, SplitConfig, Window, WindowId, WindowSet};
 use gnp_eval::{
     Entrant, EvalConfig, EvalError, PredictionWriter, Provenance, Score, TableHead, evaluate, save_scores, tables,
 };
@@ -48,11 +48,21 @@ pub(crate) fn run(session: &Session) -> Result<()> {
         out: session.folder.root(),
         set: &set,
         ids: split.part(session.config.evaluate.part),
-        split: format!("{}{}", kinds(split.kinds()), remarks(&split, session.config.evaluate.part)),
+        split: format!(
+            "{}{}{}",
+            kinds(split.kinds()),
+            fold(&session.config.split),
+            remarks(&split, session.config.evaluate.part)
+        ),
         data: &session.folder.state.data,
         config: &session.config,
     };
     score(&scoring, session)
+}
+
+/// Which fold is the test part; nothing where there is one split.
+pub(crate) fn fold(split: &SplitConfig) -> String {
+    if split.folds == 1 { String::new() } else { format!(", fold {} of {}", split.fold, split.folds) }
 }
 
 /// What must be said of a split wherever its scores stand: that it leaks, or that it is not the test

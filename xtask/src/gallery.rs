@@ -68,6 +68,9 @@ fn figures_of(stem: &str, folder: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
+/// Times that a browser is started for a picture.
+const ATTEMPTS: usize = 4;
+
 /// Pictures of the report in a browser without a window, light and dark; without a browser it says so.
 fn photograph(page: &Path, out: &Path, terminal: &Terminal) -> Result<()> {
     let works = |name: &str| {
@@ -82,20 +85,24 @@ fn photograph(page: &Path, out: &Path, terminal: &Terminal) -> Result<()> {
     let place = tempfile::tempdir().context("cannot make a temporary folder")?;
     for (name, moment) in MOMENTS {
         let picture: PathBuf = place.path().join(name);
-        let output = Command::new(browser)
-            .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", WINDOW])
-            .arg("--virtual-time-budget=3000")
-            .arg(format!("--user-data-dir={}", place.path().join("profile").display()))
-            .arg(format!("--screenshot={}", picture.display()))
-            .arg(format!("file://{}{moment}", page.display()))
-            .output()
-            .with_context(|| format!("cannot start {browser}"))?;
+        let mut said = String::new();
+        // On a busy computer a browser now and then ends without a picture.
+        for attempt in 0..ATTEMPTS {
+            let output = Command::new(browser)
+                .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", WINDOW])
+                .arg("--virtual-time-budget=3000")
+                .arg(format!("--user-data-dir={}", place.path().join(format!("{name}-{attempt}")).display()))
+                .arg(format!("--screenshot={}", picture.display()))
+                .arg(format!("file://{}{moment}", page.display()))
+                .output()
+                .with_context(|| format!("cannot start {browser}"))?;
+            if picture.exists() {
+                break;
+            }
+            said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
+        }
         let Ok(bytes) = fs::read(&picture) else {
-            bail!(
-                "{browser} took no picture of {}: {}",
-                page.display(),
-                String::from_utf8_lossy(&output.stderr).trim()
-            );
+            bail!("{browser} took no picture of {} in {ATTEMPTS} attempts: {said}", page.display());
         };
         write(&out.join(name), &bytes)?;
         terminal.result(&format!("{name}: {} in {browser}", page.display()));

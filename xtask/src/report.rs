@@ -9,6 +9,7 @@ use gnp_data::Split;
 use gnp_plot::{Figure, Report, ReportTable};
 
 use crate::cli::ReportArgs;
+use crate::evaluate::fold;
 use crate::figures;
 use crate::ingest::IngestReport;
 use crate::modes::kinds;
@@ -63,7 +64,7 @@ fn facts(session: &Session, split: &Split) -> Vec<(String, String)> {
         ("kind of data", simulated.to_owned()),
         ("protocols", protocols.join(", ")),
         ("neighbours in the future", config.predict.neighbours.name().to_owned()),
-        ("split by", format!("{}{leaks}", kinds(split.kinds()))),
+        ("split by", format!("{}{}{leaks}", kinds(split.kinds()), fold(&session.config.split))),
         ("windows for training / validation / test", counts),
         ("split hash", state.split_hash.clone()),
         ("seed", state.seed.to_string()),
