@@ -7,7 +7,8 @@ use anyhow::{Result, anyhow};
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
 use gnp_data::{Part, Predictor as _, Split, SplitConfig, Window, WindowId, WindowSet};
 use gnp_eval::{
-    Entrant, EvalConfig, EvalError, PredictionWriter, Provenance, Score, TableHead, evaluate, save_scores, tables,
+    Entrant, EvalConfig, EvalError, Evaluation, PredictionWriter, Provenance, TableHead, evaluate, save_comparisons,
+    save_scores, tables,
 };
 use gnp_model::{Gnp, NeighbourFuture};
 
@@ -73,7 +74,7 @@ pub(crate) fn remarks(split: &Split, part: Part) -> String {
     format!("{leaks}{part}")
 }
 
-/// Scores and predicts; writes `metrics.json`, `metrics.md` and `predictions.parquet`.
+/// Scores and predicts; writes `metrics.json`, `differences.json`, `metrics.md` and `predictions.parquet`.
 ///
 /// # Errors
 /// As [`run`].
@@ -97,14 +98,18 @@ pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
         Entrant::Predictor(&kalman),
         Entrant::Predictor(&idm),
     ];
-    let mut scores = scores(scoring, &entrants, &config.evaluate, terminal)?;
+    let mut evaluation = evaluated(scoring, &entrants, &config.evaluate, terminal)?;
     let told: Vec<_> = config.evaluate.protocols.iter().copied().filter(|p| p.allows_future_input()).collect();
     if config.predict.neighbours == NeighbourFuture::Oracle && !told.is_empty() {
         let informed = EvalConfig { protocols: told, ..config.evaluate.clone() };
-        scores.extend(self::scores(scoring, &[Entrant::Informed(&oracle)], &informed, terminal)?);
+        evaluation = evaluation.joined(evaluated(scoring, &[Entrant::Informed(&oracle)], &informed, terminal)?)?;
     }
+    let bootstrap = &config.evaluate.bootstrap;
+    let scores = evaluation.scores(bootstrap);
+    let differences = evaluation.comparisons(gnp.name(), bootstrap)?;
     predictions(scoring, gnp.explaining(true), terminal)?;
     save_scores(&scoring.out.join("metrics.json"), &scores)?;
+    save_comparisons(&scoring.out.join("differences.json"), &differences)?;
     let tables = tables(&scores, &TableHead { split: scoring.split.clone(), rate_hz: scoring.set.shape().rate_hz });
     let mut markdown = heading(scoring);
     terminal.result(&format!("\nScored on {}", scoring.data.words));
@@ -128,12 +133,12 @@ fn heading(scoring: &Scoring<'_>) -> String {
     )
 }
 
-fn scores(
+fn evaluated(
     scoring: &Scoring<'_>,
     entrants: &[Entrant<'_>],
     config: &EvalConfig,
     terminal: &Terminal,
-) -> Result<Vec<Score>> {
+) -> Result<Evaluation> {
     let mut work = None;
     let evaluation = evaluate(scoring.set, scoring.ids, entrants, config, &mut |batch| {
         let work = work.get_or_insert_with(|| terminal.work("evaluate", batch.total as u64, "forecasts"));
@@ -142,7 +147,7 @@ fn scores(
     });
     match evaluation {
         Err(EvalError::Stopped) => Err(Interrupted.into()),
-        other => Ok(other?.scores(&config.bootstrap)),
+        other => Ok(other?),
     }
 }
 

@@ -33,6 +33,7 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     for file in [
         "attraction.safetensors",
         "config.toml",
+        "differences.json",
         "events",
         "goal.last.safetensors",
         "goal.safetensors",
@@ -101,7 +102,15 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     run(&[&arguments[..], &[scored.to_str().unwrap()]].concat()).well();
     assert_eq!(
         names(&scored),
-        ["eval.json", "ingest.json", "ingest.txt", "metrics.json", "metrics.md", "predictions.parquet"]
+        [
+            "differences.json",
+            "eval.json",
+            "ingest.json",
+            "ingest.txt",
+            "metrics.json",
+            "metrics.md",
+            "predictions.parquet",
+        ]
     );
     let windows = json(&scored.join("eval.json"))["windows"].as_u64().unwrap();
     let ingested = json(&scored.join("ingest.json"))["recordings"][0]["windows"]["windows"].as_u64().unwrap();
