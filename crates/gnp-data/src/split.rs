@@ -117,13 +117,17 @@ impl SplitConfig {
             let problem = format!("train, validation and test sum to {sum}; make them sum to 1");
             return Err(DataError::BadValue { key: "train", value: self.train.to_string(), problem });
         }
+        if self.folds == 0 {
+            let problem = "is no split at all; give 1 for a single split, or more".to_owned();
+            return Err(DataError::BadValue { key: "folds", value: self.folds.to_string(), problem });
+        }
         if !(1..=self.folds).contains(&self.fold) {
-            let problem = format!("there are {} folds, counted from 1; give one of them", self.folds);
+            let problem = format!("is none of the {} folds, which are counted from 1", self.folds);
             return Err(DataError::BadValue { key: "fold", value: self.fold.to_string(), problem });
         }
         let mut kinds = self.sites.values().chain([&self.kind]);
         if self.folds > 1 && kinds.any(|kind| *kind == SplitKind::Time) {
-            let problem = "blocks of time are not dealt into folds; give 1, or another kind of split".to_owned();
+            let problem = "cannot be with a split by time; give 1, or another kind of split".to_owned();
             return Err(DataError::BadValue { key: "folds", value: self.folds.to_string(), problem });
         }
         Ok(())

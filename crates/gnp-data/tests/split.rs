@@ -270,6 +270,7 @@ fn shares_that_cannot_be_are_refused() {
         (SplitConfig { train: -0.7, ..good.clone() }, "train"),
         (SplitConfig { folds: 3, fold: 4, ..good.clone() }, "fold"),
         (SplitConfig { fold: 0, ..good.clone() }, "fold"),
+        (SplitConfig { folds: 0, ..good.clone() }, "folds"),
         (SplitConfig { kind: SplitKind::Time, folds: 3, ..good.clone() }, "folds"),
     ] {
         let error = bad.check().unwrap_err().to_string();
