@@ -1,41 +1,11 @@
 //! One step of an LSTM value by value: branch-free loops that the compiler makes vectors of, compiled
 //! once for each instruction set.
 
+use gnp_nn::{sigmoid, tanh};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Values of a cache line; the number of hidden units is a multiple of it.
 pub(crate) const LINE: usize = 16;
-
-/// `exp(x)` to 3e-7, for `x` between -87 and 88; beyond, the value at the nearer end.
-#[inline(always)]
-fn exp(x: f32) -> f32 {
-    // Adding this number rounds to a whole one, which then stands in the low bits.
-    const ROUND: f32 = 12_582_912.;
-    const LN2_HIGH: f32 = 0.693_359_4;
-    const LN2_LOW: f32 = -2.121_944_4e-4;
-    let x = x.clamp(-87., 88.);
-    let rounded = x * std::f32::consts::LOG2_E + ROUND;
-    let power = rounded - ROUND;
-    let r = x - power * LN2_HIGH - power * LN2_LOW;
-    let tail = 1.987_569_1e-4;
-    let tail = tail * r + 1.398_199_9e-3;
-    let tail = tail * r + 8.333_452e-3;
-    let tail = tail * r + 4.166_579_6e-2;
-    let tail = tail * r + 1.666_666_5e-1;
-    let tail = tail * r + 0.5;
-    let mantissa = tail * r * r + r + 1.;
-    mantissa * f32::from_bits(rounded.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127) << 23)
-}
-
-#[inline(always)]
-fn sigmoid(x: f32) -> f32 {
-    1. / (1. + exp(-x))
-}
-
-#[inline(always)]
-fn tanh(x: f32) -> f32 {
-    2. / (1. + exp(-2. * x)) - 1.
-}
 
 /// A cache line by itself, which cannot overlap with one that is written.
 #[inline(always)]

@@ -15,10 +15,12 @@
 //! # Ok::<(), candle_core::Error>(())
 //! ```
 
+mod activation;
 mod dropout;
 mod layers;
 mod weights;
 
+pub use crate::activation::{exp, sigmoid, tanh};
 pub use crate::dropout::{Dropout, DropoutMask};
 pub use crate::layers::{LayerNorm, Linear, Lstm, LstmState, Mlp, layer_norm, linear};
 pub use crate::weights::Weights;

@@ -1,11 +1,11 @@
 //! The heads that end in one sigmoid a row, and their adjoint.
 
 use super::aligned::{Aligned, LINE, Pool, Trace};
-use super::elementwise::sigmoid;
 use super::front::GATHER;
 use super::layout::{Gradient, Packed};
 use super::matmul::{Rows, RowsMut, Scratch, Start, product};
 use super::mlp::{self, BLOCK, Workspace};
+use gnp_nn::sigmoid;
 
 /// What a head leaves behind each time it runs.
 #[derive(Debug)]
