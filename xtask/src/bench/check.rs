@@ -83,7 +83,7 @@ impl Row {
         let [first, second] = self.measured.sides.clone();
         let verdict = match (self.holds(), self.again) {
             (true, false) => "holds",
-            (true, true) => "holds at the second try",
+            (true, true) => "2nd try",
             (false, _) => "MISSED",
         };
         let value = format!("{:.2}", self.measured.value);
@@ -114,7 +114,7 @@ pub(super) fn measure(limits: &Limits, profile: Profile, terminal: &Terminal) ->
     let mut rows = networks(limits, &sizes, terminal)?;
     rows.extend(growth(limits, &sizes, terminal)?);
     let Sizes { lengths, windows, .. } = sizes;
-    let header = ["ratio", "first", "second", "measured", "limit", ""].map(str::to_owned).to_vec();
+    let header = ["", "first", "second", "ratio", "limit", ""].map(str::to_owned).to_vec();
     terminal.result(&format!(
         "{windows} windows of {} + {} frames, published networks; load average {load}\n{}",
         lengths.observed,
@@ -139,10 +139,10 @@ fn networks(limits: &Limits, sizes: &Sizes, terminal: &Terminal) -> Result<Vec<R
     };
     let of = &limits.fused;
     let mut rows = vec![
-        fused("roll-out: graph / fused", of.traj_forward, long, |traj, _, engine| traj.forward(engine))?,
-        fused("roll-out and gradient: graph / fused", of.traj_train, long, |traj, _, engine| traj.train(engine))?,
-        fused("goals: graph / fused", of.goal_forward, short, |_, goal, engine| goal.forward(engine))?,
-        fused("goals and gradient: graph / fused", of.goal_train, short, |_, goal, engine| goal.train(engine))?,
+        fused("roll-out: graph/fused", of.traj_forward, long, |traj, _, engine| traj.forward(engine))?,
+        fused("roll-out, gradient: graph/fused", of.traj_train, long, |traj, _, engine| traj.train(engine))?,
+        fused("goals: graph/fused", of.goal_forward, short, |_, goal, engine| goal.forward(engine))?,
+        fused("goals, gradient: graph/fused", of.goal_train, short, |_, goal, engine| goal.train(engine))?,
     ];
     if cores() < 2 {
         terminal.result("One core: two threads are not measured against one.");
@@ -154,8 +154,8 @@ fn networks(limits: &Limits, sizes: &Sizes, terminal: &Terminal) -> Result<Vec<R
         row(what, Limit::AtLeast(limit), || gain(short, [&one, &two], run))
     };
     let of = &limits.threads;
-    rows.push(threads("roll-out and gradient: gain of 2 threads", of.traj_train, &|| traj.train(Engine::Fused))?);
-    rows.push(threads("goals and gradient: gain of 2 threads", of.goal_train, &|| goal.train(Engine::Fused))?);
+    rows.push(threads("roll-out, gradient: 2 threads", of.traj_train, &|| traj.train(Engine::Fused))?);
+    rows.push(threads("goals, gradient: 2 threads", of.goal_train, &|| goal.train(Engine::Fused))?);
     Ok(rows)
 }
 
@@ -187,14 +187,14 @@ fn growth(limits: &Limits, sizes: &Sizes, terminal: &Terminal) -> Result<Vec<Row
         let read = |folder: &tempfile::TempDir| traffic::ingest(folder.path()).map(|_| ());
         let measured = Measured::pair(&clock::pair(turns, &|| read(&once), &|| read(&twice))?);
         let [first, second] = measured.sides;
-        Ok(Measured { sides: [format!("{first}, n = {n}"), second], ..measured })
+        Ok(Measured { sides: [format!("{first}, n={n}"), second], ..measured })
     })?;
     let windows = row("windows and features: 2 n / n", Limit::AtMost(limits.growth.windows), || {
         let see = |i: usize| traffic::cut_and_see(&recordings[i], &features).map(|_| ());
         let measured = Measured::pair(&clock::pair(turns, &|| see(0), &|| see(1))?);
         let [first, second] = measured.sides;
         let n = traffic::cut_and_see(&recordings[0], &features)?;
-        Ok(Measured { sides: [format!("{first}, n = {n}"), second], ..measured })
+        Ok(Measured { sides: [format!("{first}, n={n}"), second], ..measured })
     })?;
     let mut rows = vec![ingest, windows];
     match traffic::bytes_a_window(&recordings[1])? {

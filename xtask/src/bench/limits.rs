@@ -79,8 +79,8 @@ impl Limit {
 
     pub(super) fn text(self) -> String {
         match self {
-            Self::AtLeast(limit) => format!("at least {limit}"),
-            Self::AtMost(limit) => format!("at most {limit}"),
+            Self::AtLeast(limit) => format!("≥ {limit}"),
+            Self::AtMost(limit) => format!("≤ {limit}"),
         }
     }
 }
