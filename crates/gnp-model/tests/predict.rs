@@ -95,8 +95,8 @@ fn features(recording: &Recording, representation: Representation) -> Features {
         representation,
         length_scale: 10.,
         velocity_window_s: 0.4,
-        history_block_s: 0.,
-        following_hint: false,
+        history_block_s: 0.4,
+        following_hint: true,
     };
     let observations = [0, 1].map(|track| window(recording, track).observation());
     Features::fit(&config, SHAPE, observations.into_iter()).unwrap()
@@ -327,6 +327,23 @@ fn a_stretch_multiplies_what_lies_along_the_road_and_nothing_else() {
     }
     assert!(neighbours > 0);
     assert_eq!(stretched.lines(), plain.lines());
+}
+
+#[test]
+fn the_hint_says_what_the_leader_is_like() {
+    let recording = road(false, false);
+    let features = features(&recording, Representation::Deviation);
+    let observed = |track: usize| {
+        let seen = [Seen::recorded(window(&recording, track).observation())];
+        let inputs = features.goal_inputs(&seen, &Device::Cpu).unwrap();
+        inputs.observed.flatten_all().unwrap().to_vec1::<f32>().unwrap()
+    };
+    // The last five numbers of a target are the hint; with a leader and without they differ.
+    let (led, leads) = (observed(0), observed(1));
+    let hint = |row: &[f32]| row[row.len() - 5..].to_vec();
+    assert!(window(&recording, 0).observation().neighbour(Slot::Preceding as usize).is_some());
+    assert!(window(&recording, 1).observation().neighbour(Slot::Preceding as usize).is_none());
+    assert!(hint(&led).iter().zip(hint(&leads)).all(|(a, b)| (a - b).abs() > 0.1), "{led:?} {leads:?}");
 }
 
 #[test]
