@@ -340,7 +340,7 @@ pub(crate) struct TableArgs {
     /// Data, configuration of GNP, and folder of the table.
     #[command(flatten)]
     pub(crate) run: RunArgs,
-    /// Recipes of the learned baselines [default: configs/learned.toml]; table2 has none.
+    /// Recipes of the learned baselines [default: configs/neural-baselines.toml]; table2 has none.
     #[arg(long, value_name = "FILE")]
     pub(crate) recipes: Option<PathBuf>,
     /// On what.

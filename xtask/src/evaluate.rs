@@ -5,10 +5,10 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
-use gnp_data::{Part, Predictor as _, Split, SplitConfig, Window, WindowId, WindowSet};
+use gnp_data::{Predictor as _, Split, SplitConfig, Subset, Window, WindowId, WindowSet};
 use gnp_eval::{
-    Entrant, EvalConfig, EvalError, Evaluation, PredictionWriter, Provenance, TableHead, evaluate, save_comparisons,
-    save_scores, tables,
+    EvalConfig, EvalError, EvaluatedModel, Evaluation, PredictionWriter, Provenance, TableHead, evaluate,
+    save_comparisons, save_scores, tables,
 };
 use gnp_model::{Gnp, NeighbourFuture};
 
@@ -48,7 +48,7 @@ pub(crate) fn run(session: &Session) -> Result<()> {
         model: session.folder.root(),
         out: session.folder.root(),
         set: &set,
-        ids: split.part(session.config.evaluate.part),
+        ids: split.subset(session.config.evaluate.part),
         split: format!(
             "{}{}{}",
             kinds(split.kinds()),
@@ -68,9 +68,9 @@ pub(crate) fn fold(split: &SplitConfig) -> String {
 
 /// What must be said of a split wherever its scores stand: that it leaks, or that it is not the test
 /// part that was scored.
-pub(crate) fn remarks(split: &Split, part: Part) -> String {
+pub(crate) fn remarks(split: &Split, part: Subset) -> String {
     let leaks = if split.leaks() { " (leaks)" } else { "" };
-    let part = if part == Part::Test { String::new() } else { format!(" ({} part)", part.name()) };
+    let part = if part == Subset::Test { String::new() } else { format!(" ({} part)", part.name()) };
     format!("{leaks}{part}")
 }
 
@@ -82,7 +82,7 @@ pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
     let terminal = session.terminal();
     let config = scoring.config;
     let neighbours = match config.predict.neighbours {
-        // Told the future it is scored apart; here it goes without.
+        // WithFuture the future it is scored apart; here it goes without.
         NeighbourFuture::Oracle => NeighbourFuture::ConstantVelocity,
         other => other,
     };
@@ -90,19 +90,19 @@ pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
     let (goal_head, oracle) = (gnp.goal_head(), gnp.oracle());
     let (velocity, acceleration) = (ConstantVelocity::default(), ConstantAcceleration::default());
     let (kalman, idm) = (Kalman::default(), Idm::default());
-    let entrants = [
-        Entrant::Predictor(&gnp),
-        Entrant::Predictor(&goal_head),
-        Entrant::Predictor(&velocity),
-        Entrant::Predictor(&acceleration),
-        Entrant::Predictor(&kalman),
-        Entrant::Predictor(&idm),
+    let models = [
+        EvaluatedModel::Predictor(&gnp),
+        EvaluatedModel::Predictor(&goal_head),
+        EvaluatedModel::Predictor(&velocity),
+        EvaluatedModel::Predictor(&acceleration),
+        EvaluatedModel::Predictor(&kalman),
+        EvaluatedModel::Predictor(&idm),
     ];
-    let mut evaluation = evaluated(scoring, &entrants, &config.evaluate, terminal)?;
-    let told: Vec<_> = config.evaluate.protocols.iter().copied().filter(|p| p.allows_future_input()).collect();
-    if config.predict.neighbours == NeighbourFuture::Oracle && !told.is_empty() {
-        let informed = EvalConfig { protocols: told, ..config.evaluate.clone() };
-        evaluation = evaluation.joined(evaluated(scoring, &[Entrant::Informed(&oracle)], &informed, terminal)?)?;
+    let mut evaluation = evaluated(scoring, &models, &config.evaluate, terminal)?;
+    let uses_future: Vec<_> = config.evaluate.protocols.iter().copied().filter(|p| p.allows_future()).collect();
+    if config.predict.neighbours == NeighbourFuture::Oracle && !uses_future.is_empty() {
+        let informed = EvalConfig { protocols: uses_future, ..config.evaluate.clone() };
+        evaluation = evaluation.joined(evaluated(scoring, &[EvaluatedModel::Oracle(&oracle)], &informed, terminal)?)?;
     }
     let bootstrap = &config.evaluate.bootstrap;
     let scores = evaluation.scores(bootstrap);
@@ -135,12 +135,12 @@ fn heading(scoring: &Scoring<'_>) -> String {
 
 fn evaluated(
     scoring: &Scoring<'_>,
-    entrants: &[Entrant<'_>],
+    models: &[EvaluatedModel<'_>],
     config: &EvalConfig,
     terminal: &Terminal,
 ) -> Result<Evaluation> {
     let mut work = None;
-    let evaluation = evaluate(scoring.set, scoring.ids, entrants, config, &mut |batch| {
+    let evaluation = evaluate(scoring.set, scoring.ids, models, config, &mut |batch| {
         let work = work.get_or_insert_with(|| terminal.work("evaluate", batch.total as u64, "forecasts"));
         work.at(batch.done as u64, batch.model);
         if STOP.load(std::sync::atomic::Ordering::SeqCst) { Err(EvalError::Stopped) } else { Ok(()) }
@@ -158,7 +158,7 @@ fn predictions(scoring: &Scoring<'_>, gnp: Gnp, terminal: &Terminal) -> Result<(
         dataset: scoring.config.dataset,
         rate_hz: scoring.set.shape().rate_hz,
         simulated: scoring.data.simulated,
-        future_input: false,
+        uses_future: false,
     };
     let mut writer = PredictionWriter::create(&scoring.out.join("predictions.parquet"), &provenance)?;
     let work = terminal.work("predictions", scoring.ids.len() as u64, "windows");

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 use comfy_table::{CellAlignment, Table, TableComponent, presets};
 use gnp_data::{
-    DataError, Expectation, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality, Recording, RecordingDrops, read,
+    DataError, Expectation, IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Recording, RecordingDrops, read,
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -27,7 +27,7 @@ const AT_ONCE: usize = 4;
 
 /// `ingest.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct IngestReport {
+pub(crate) struct IngestSummary {
     /// Where the recordings come from.
     pub(crate) data: DataState,
     /// Every recording, in the order of the files.
@@ -46,7 +46,7 @@ pub(crate) struct RecordingReport {
     /// Where it is kept, from the run folder.
     pub(crate) file: String,
     /// What was found in it.
-    pub(crate) quality: Quality,
+    pub(crate) quality: IngestReport,
     /// What becomes of its candidate windows.
     pub(crate) windows: RecordingDrops,
 }
@@ -55,7 +55,7 @@ pub(crate) struct RecordingReport {
 ///
 /// # Errors
 /// The first thing that is wrong with a recording; when no track is long enough for a window.
-pub(crate) fn run(found: Found, config: &RunConfig, folder: &Path, terminal: &Terminal) -> Result<IngestReport> {
+pub(crate) fn run(found: Found, config: &RunConfig, folder: &Path, terminal: &Terminal) -> Result<IngestSummary> {
     let expect = Expectation { dataset: config.dataset, rate_hz: Some(config.data.rate_hz) };
     let kept = folder.join(RECORDINGS);
     fs::create_dir(&kept).with_context(|| format!("cannot make the folder {}", kept.display()))?;
@@ -95,7 +95,7 @@ pub(crate) fn run(found: Found, config: &RunConfig, folder: &Path, terminal: &Te
         return Err(DataError::NoWindow { needed_s, longest_s }.into());
     }
     let seconds = started.elapsed().as_secs_f64();
-    let report = IngestReport {
+    let report = IngestSummary {
         data: found.data,
         recordings,
         seconds,
@@ -119,7 +119,7 @@ fn plain(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()
 }
 
-impl IngestReport {
+impl IngestSummary {
     /// The recordings that were kept in `folder`.
     ///
     /// # Errors
@@ -137,7 +137,8 @@ impl IngestReport {
 
     /// The table for people.
     pub(crate) fn text(&self) -> String {
-        let head = ["recording", "site", "lanes", "rows", "vehicles", "doubles", "gaps", "jumps", "overlaps", "flips"];
+        let head =
+            ["recording", "site", "lanes", "rows", "vehicles", "duplicates", "gaps", "jumps", "overlaps", "flips"];
         let mut quality = table(&head, 3);
         let mut windows = table(&["recording", "windows", "at gap", "short", "at end"], 1);
         let mut total = [0u64; 11];
@@ -160,7 +161,7 @@ impl IngestReport {
         windows.add_row(row(&["all"], &total[7..]));
         let mut text = format!("Recordings: {}\n{}\n\n{}\n", self.data.words, quality.trim_fmt(), windows.trim_fmt());
         text.push_str(&format!(
-            "doubles: rows that repeat or contradict an earlier one of vehicle and frame, left out. jumps: rows faster \
+            "duplicates: rows that repeat or contradict an earlier one of vehicle and frame, left out. jumps: rows faster \
              than {JUMP_SPEED} m/s or with more than {JUMP_ACCELERATION} m/s² over half a second, kept. overlaps: pairs \
              of boxes by frame. flips: changes of lane undone within 1 s. Windows left out: at a gap, on a track too \
              short, at a track's end.\n"

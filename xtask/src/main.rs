@@ -4,6 +4,7 @@
 mod bench;
 mod ci;
 mod cli;
+mod clip;
 mod config;
 mod describe;
 mod evaluate;
@@ -22,7 +23,6 @@ mod score_run;
 mod session;
 mod source;
 mod stop;
-mod stretch;
 mod tables;
 mod terminal;
 mod tidy;

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Result;
-use gnp_data::{Overlap, Part, Recording, Split, SplitKind, WindowSet, overlaps};
-use gnp_model::Seen;
+use gnp_data::{Overlap, Recording, Split, SplitKind, Subset, WindowSet, overlaps};
+use gnp_model::AugmentedView;
 use gnp_modes::fit;
 
 use crate::config::RunConfig;
@@ -17,7 +17,12 @@ use crate::terminal::Terminal;
 ///
 /// # Errors
 /// When a part would be left without windows, or the same vehicle at the same time would stand in two.
-pub(crate) fn part(recordings: &[Recording], config: &RunConfig, folder: &Path, terminal: &Terminal) -> Result<String> {
+pub(crate) fn subset(
+    recordings: &[Recording],
+    config: &RunConfig,
+    folder: &Path,
+    terminal: &Terminal,
+) -> Result<String> {
     let (set, _) = WindowSet::cut(recordings, &config.windows)?;
     let overlaps = overlaps(recordings);
     let split = Split::new(&set, &config.split, &overlaps)?;
@@ -47,19 +52,19 @@ pub(crate) fn run(session: &mut Session) -> Result<()> {
     stop::check()?;
     let set = session.windows()?;
     let (split, features) = session.parted(&set)?;
-    let mut futures = Vec::with_capacity(split.train().len() * 2 * set.shape().predicted);
+    let mut futures = Vec::with_capacity(split.train().len() * 2 * set.shape().t_pred);
     for window in split.train().iter().filter_map(|id| set.get(*id)) {
-        futures.extend(features.future(&Seen::recorded(window.observation()), &window));
+        futures.extend(features.future(&AugmentedView::recorded(window.observation()), &window));
         // A network that learns from mirrored windows needs modes for them, too.
         if session.config.goal.loss.mirror > 0. {
-            futures.extend(features.future(&Seen::mirrored(window.observation()), &window));
+            futures.extend(features.future(&AugmentedView::mirrored(window.observation()), &window));
         }
     }
-    let modes = fit(&futures, set.shape().predicted, features.mode_frame(), &session.config.modes)?;
+    let modes = fit(&futures, set.shape().t_pred, features.mode_frame(), &session.config.modes)?;
     modes.save(&session.folder.path("modes.safetensors"))?;
     let (most, least) = (modes.sizes.first().copied().unwrap_or(0), modes.sizes.last().copied().unwrap_or(0));
-    let windows = futures.len() / (2 * set.shape().predicted).max(1);
-    let rms = (modes.inertia / (windows * set.shape().predicted).max(1) as f64).sqrt();
+    let windows = futures.len() / (2 * set.shape().t_pred).max(1);
+    let rms = (modes.inertia / (windows * set.shape().t_pred).max(1) as f64).sqrt();
     session.terminal().note(&format!(
         "modes: {} of {windows} futures, {least} to {most} in each, {rms:.2} m root mean square to the nearest{}",
         modes.len(),
@@ -70,9 +75,9 @@ pub(crate) fn run(session: &mut Session) -> Result<()> {
 
 fn summary(set: &WindowSet<'_>, split: &Split) -> String {
     let counts: Vec<String> =
-        Part::ALL.iter().map(|part| format!("{} {}", split.part(*part).len(), part.name())).collect();
-    let straddling: usize = split.straddling().values().sum();
-    let left_out = if straddling > 0 { format!(", {straddling} in none") } else { String::new() };
+        Subset::ALL.iter().map(|part| format!("{} {}", split.subset(*part).len(), part.name())).collect();
+    let dropped_at_boundary: usize = split.dropped_at_boundary().values().sum();
+    let left_out = if dropped_at_boundary > 0 { format!(", {dropped_at_boundary} in none") } else { String::new() };
     format!("split: {} windows by {}: {}{left_out}", set.len(), kinds(split.kinds()), counts.join(", "))
 }
 

@@ -1,15 +1,15 @@
-//! `replay`: the stretch of the scene player, for the Rerun viewer.
+//! `replay`: the clip of the scene player, for the Rerun viewer.
 
 use std::io::Write as _;
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 use gnp_data::Split;
-use gnp_replay::{Moment, Scene, SceneForecast, Vehicle};
+use gnp_replay::{Scene, SceneForecast, TimedState, Vehicle};
 
 use crate::cli::ReplayArgs;
+use crate::clip::{Clip, Shown};
 use crate::session::Session;
-use crate::stretch::{Shown, Stretch};
 
 /// Writes the file.
 ///
@@ -30,13 +30,13 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<()> {
     let mut file = place(&args.rrd)?;
     let set = session.windows()?;
     let split = Split::load(&set, &session.folder.path("split.json"))?;
-    let Some(stretch) = Stretch::of(&session, &set, &split)? else {
+    let Some(clip) = Clip::of(&session, &set, &split)? else {
         bail!(
             "{} has no test windows, so that there is nothing to replay; split it in another way",
             args.run.display()
         );
     };
-    let mut scene = scene(stretch);
+    let mut scene = scene(clip);
     scene.picked = match args.vehicle {
         Some(id) if scene.vehicles.iter().all(|vehicle| vehicle.id != id) => {
             bail!(
@@ -79,19 +79,19 @@ fn ids(scene: &Scene) -> String {
     ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// The stretch as it is replayed, with nobody picked.
-fn scene(mut stretch: Stretch<'_>) -> Scene {
-    let forecasts = std::mem::take(&mut stretch.forecasts);
-    let (recording, meta) = (stretch.recording, stretch.recording.meta());
-    let road = &recording.roads()[usize::from(stretch.road)];
-    let mut vehicles: Vec<Vehicle> = stretch.vehicles.iter().map(|shown| vehicle(&stretch, shown)).collect();
+/// The clip as it is replayed, with nobody picked.
+fn scene(mut clip: Clip<'_>) -> Scene {
+    let forecasts = std::mem::take(&mut clip.forecasts);
+    let (recording, meta) = (clip.recording, clip.recording.meta());
+    let road = &recording.roads()[usize::from(clip.road)];
+    let mut vehicles: Vec<Vehicle> = clip.vehicles.iter().map(|shown| vehicle(&clip, shown)).collect();
     for made in forecasts {
         let seen = made.seen;
         let [x0, y0] = seen.origin();
-        let history = (0..stretch.shape.observed).map(|i| seen.target(i)).map(|state| [x0 + state.x, y0 + state.y]);
+        let history = (0..clip.shape.t_obs).map(|i| seen.target(i)).map(|state| [x0 + state.x, y0 + state.y]);
         vehicles[made.vehicle].forecasts.push(SceneForecast {
             frame: seen.frame(),
-            frame_step: stretch.shape.step as u32,
+            frame_step: clip.shape.step as u32,
             history: history.collect(),
             modes: made.forecast.modes,
         });
@@ -100,17 +100,17 @@ fn scene(mut stretch: Stretch<'_>) -> Scene {
         title: format!("{}, {}, driving direction {}", meta.name, meta.site, road.driving_direction),
         simulated: meta.simulated,
         rate_hz: meta.rate_hz,
-        frame_step: stretch.step,
+        frame_step: clip.step,
         lines: road.lines.clone(),
         vehicles,
         picked: None,
     }
 }
 
-fn vehicle(stretch: &Stretch<'_>, shown: &Shown<'_>) -> Vehicle {
+fn vehicle(clip: &Clip<'_>, shown: &Shown<'_>) -> Vehicle {
     let moment = |(frame, row): &(usize, usize)| {
-        let state = stretch.recording.state(*row);
-        Moment { frame: stretch.recorded(*frame), centre: [state.x, state.y], velocity: [state.vx, state.vy] }
+        let state = clip.recording.state(*row);
+        TimedState { frame: clip.recorded(*frame), centre: [state.x, state.y], velocity: [state.vx, state.vy] }
     };
     Vehicle {
         id: shown.track.vehicle,
@@ -125,12 +125,12 @@ fn vehicle(stretch: &Stretch<'_>, shown: &Shown<'_>) -> Vehicle {
 #[cfg(test)]
 mod tests {
     use gnp_data::{
-        Columns, Dataset, Explanation, Forecast, LaneLine, LineKind, Mode, Observation, Recording, RecordingMeta, Road,
-        SLOTS, StepForces, Track, VehicleClass, WindowShape,
+        Columns, Dataset, Explanation, Forecast, LaneMarking, MarkingKind, Mode, Observation, Recording, RecordingMeta,
+        Road, SLOTS, StepForces, Track, VehicleClass, WindowShape,
     };
 
     use super::*;
-    use crate::stretch::Made;
+    use crate::clip::Made;
 
     /// A car on the second of two roads, from recorded frame 40 on: `x` is a tenth of the frame, `y` the row.
     fn recording() -> Recording {
@@ -142,8 +142,10 @@ mod tests {
             rate_hz: 25.,
             simulated: true,
         };
-        let lines =
-            |y| [LaneLine { kind: LineKind::Boundary, y }, LaneLine { kind: LineKind::Boundary, y: y + 4. }].to_vec();
+        let lines = |y| {
+            [LaneMarking { kind: MarkingKind::Boundary, y }, LaneMarking { kind: MarkingKind::Boundary, y: y + 4. }]
+                .to_vec()
+        };
         let road = |driving_direction, y| Road { driving_direction, lines: lines(y), fitted: false };
         let track = Track {
             vehicle: 9,
@@ -169,7 +171,7 @@ mod tests {
     #[test]
     fn a_stretch_becomes_a_scene_in_the_road_frame() {
         let recording = recording();
-        let shape = WindowShape { observed: 4, predicted: 2, step: 2, rate_hz: 12.5 };
+        let shape = WindowShape { t_obs: 4, t_pred: 2, step: 2, rate_hz: 12.5 };
         let rows = [(2, 6), (3, 9), (5, 15)].to_vec(); // of frames 46, 49 and 55
         let forecast = Forecast {
             modes: vec![Mode {
@@ -185,7 +187,7 @@ mod tests {
             neighbours: vec![-2; SLOTS],
             forecast: forecast.clone(),
         };
-        let scene = scene(Stretch {
+        let scene = scene(Clip {
             recording: &recording,
             road: 1,
             shape,
@@ -202,7 +204,7 @@ mod tests {
         let [truck] = &scene.vehicles[..] else { panic!("{:?}", scene.vehicles) };
         assert_eq!((truck.id, truck.class, truck.test, truck.size), (9, VehicleClass::Truck, true, [11., 2.5]));
         assert_eq!(truck.moments.iter().map(|moment| moment.frame).collect::<Vec<_>>(), [46, 49, 55]);
-        assert_eq!(truck.moments[2], Moment { frame: 55, centre: [5.5, 15.], velocity: [2.5, 3.75] });
+        assert_eq!(truck.moments[2], TimedState { frame: 55, centre: [5.5, 15.], velocity: [2.5, 3.75] });
         let [found] = &truck.forecasts[..] else { panic!("{:?}", truck.forecasts) };
         assert_eq!((found.frame, found.frame_step), (49, 2));
         assert_eq!(found.history.iter().map(|point| point[1]).collect::<Vec<_>>(), [3., 5., 7., 9.]);

@@ -11,7 +11,7 @@ use gnp_plot::{Figure, Report, ReportTable};
 use crate::cli::ReportArgs;
 use crate::evaluate::fold;
 use crate::figures;
-use crate::ingest::IngestReport;
+use crate::ingest::IngestSummary;
 use crate::modes::kinds;
 use crate::run_folder::write;
 use crate::session::Session;
@@ -82,13 +82,13 @@ fn facts(session: &Session, split: &Split) -> Vec<(String, String)> {
     .to_vec()
 }
 
-fn quality(report: &IngestReport) -> ReportTable {
+fn quality(report: &IngestSummary) -> ReportTable {
     let head = [
         "recording",
         "site",
         "rows",
         "vehicles",
-        "doubles",
+        "duplicates",
         "gaps",
         "jumps",
         "overlaps",
@@ -106,7 +106,7 @@ fn quality(report: &IngestReport) -> ReportTable {
         row
     };
     let mut notes = vec![
-        "doubles: rows that repeat or contradict an earlier one, left out. Windows left out: at a gap, on a track too \
+        "duplicates: rows that repeat or contradict an earlier one, left out. Windows left out: at a gap, on a track too \
          short, at a track's end."
             .to_owned(),
     ];

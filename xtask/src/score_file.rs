@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail};
 use gnp_baselines::ConstantVelocity;
 use gnp_data::{
-    Dataset, Forecast, InformedPredictor, Observation, PredictError, Predictor, Split, Window, WindowId, WindowSet,
+    Dataset, Forecast, Observation, OraclePredictor, PredictError, Predictor, Split, Window, WindowId, WindowSet,
 };
 use gnp_eval::{
     Detail, EvalConfig, Predictions, TableHead, comparison_tables, csv, read_predictions, save_comparisons,
@@ -85,18 +85,21 @@ fn score(
     terminal: &Terminal,
 ) -> Result<()> {
     covered(&predictions, material, terminal)?;
-    let told = predictions.provenance().get("future_input").is_some_and(|value| value == "true");
+    let uses_future = predictions.provenance().get("uses_future").is_some_and(|value| value == "true");
     let name = predictions.name().to_owned();
-    let system =
-        if told { System::told(name.clone(), Told(predictions)) } else { System::blind(name.clone(), predictions) };
+    let system = if uses_future {
+        System::oracle(name.clone(), WithFuture(predictions))
+    } else {
+        System::predictor(name.clone(), predictions)
+    };
     let beside = if name == "constant velocity" { "constant velocity (ours)" } else { "constant velocity" };
-    let systems = [system, System::blind(beside, ConstantVelocity::default())];
+    let systems = [system, System::predictor(beside, ConstantVelocity::default())];
     let protocols = if args.protocol.is_empty() {
         config.evaluate.protocols.clone()
     } else {
         args.protocol.iter().map(|name| (*name).into()).collect()
     };
-    if told && !protocols.iter().any(|protocol| protocol.allows_future_input()) {
+    if uses_future && !protocols.iter().any(|protocol| protocol.allows_future()) {
         bail!("{name} is handed recorded futures, which `clean` does not allow; give --protocol literature");
     }
     let evaluate = EvalConfig { protocols, ..config.evaluate.clone() };
@@ -162,14 +165,14 @@ fn covered(predictions: &Predictions, material: &Material<'_>, terminal: &Termin
 }
 
 /// Predictions made with recorded futures in reach.
-struct Told(Predictions);
+struct WithFuture(Predictions);
 
-impl InformedPredictor for Told {
+impl OraclePredictor for WithFuture {
     fn name(&self) -> &str {
         Predictor::name(&self.0)
     }
 
-    fn predict_informed(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
         let seen: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
         self.0.predict(&seen, k)
     }

@@ -10,7 +10,7 @@ use gnp_model::Features;
 
 use crate::cli::{DeviceName, MachineArgs};
 use crate::config::RunConfig;
-use crate::ingest::IngestReport;
+use crate::ingest::IngestSummary;
 use crate::run_folder::{RunFolder, Stage};
 use crate::stop;
 use crate::terminal::Terminal;
@@ -104,7 +104,7 @@ impl Session {
         if let Some(recordings) = self.recordings.get() {
             return Ok(recordings);
         }
-        let report: IngestReport = self.folder.read_json("ingest.json")?;
+        let report: IngestSummary = self.folder.read_json("ingest.json")?;
         let recordings = report.load(self.folder.root(), self.terminal())?;
         Ok(self.recordings.get_or_init(|| recordings))
     }

@@ -17,8 +17,8 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, bail};
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
 use gnp_data::{Forecast, Observation, PredictError, Predictor, Split, Window, WindowSet};
-use gnp_learned::LearnedKind;
 use gnp_model::{Gnp, NeighbourFuture};
+use gnp_neural_baselines::NeuralBaseline;
 
 use crate::cli::{RunArgs, TableArgs};
 use crate::config::{RunConfig, Setting};
@@ -40,10 +40,11 @@ const KALMAN_WINDOWS: usize = 2000;
 /// # Errors
 /// When a training or a score fails; [`Interrupted`].
 pub(crate) fn table1(args: &TableArgs) -> Result<()> {
-    let recipes = learned::read(&args.recipes.clone().unwrap_or_else(|| project::root().join("configs/learned.toml")))?;
-    let kinds: Vec<LearnedKind> =
-        LearnedKind::ALL.into_iter().filter(|kind| recipes.contains_key(kind.stem())).collect();
-    let missing: Vec<String> = LearnedKind::ALL
+    let recipes =
+        learned::read(&args.recipes.clone().unwrap_or_else(|| project::root().join("configs/neural-baselines.toml")))?;
+    let kinds: Vec<NeuralBaseline> =
+        NeuralBaseline::ALL.into_iter().filter(|kind| recipes.contains_key(kind.stem())).collect();
+    let missing: Vec<String> = NeuralBaseline::ALL
         .into_iter()
         .filter(|kind| !kinds.contains(kind))
         .map(|kind| format!("{}: has no recipe ([{}])", kind.name(), kind.stem()))
@@ -51,7 +52,7 @@ pub(crate) fn table1(args: &TableArgs) -> Result<()> {
     let table = Table::start("table1", args, 6 + kinds.len())?;
     let scored = table.scored(|fold| {
         let model = || gnp(fold.session);
-        let mut systems = vec![System::blind(FULL, model()?), System::blind("goal head", GoalHead(model()?))];
+        let mut systems = vec![System::predictor(FULL, model()?), System::predictor("goal head", GoalHead(model()?))];
         systems.extend(rules(fold.set, fold.split)?);
         for (done, kind) in kinds.iter().copied().enumerate() {
             fold.progress(7 + done, kind.name());
@@ -207,7 +208,7 @@ impl Table {
         let fold = Fold { session: &session, set: &set, split: &split, folder, table: self, number };
         let systems = systems(&fold)?;
         let evaluate = &session.config.evaluate;
-        let evaluation = systems::score(&set, split.part(evaluate.part), &systems, evaluate, session.terminal())?;
+        let evaluation = systems::score(&set, split.subset(evaluate.part), &systems, evaluate, session.terminal())?;
         drop(set);
         Ok(Scored::new(&systems, evaluation, &split, session))
     }
@@ -243,10 +244,10 @@ fn rules(set: &WindowSet<'_>, split: &Split) -> Result<Vec<System>> {
     let training: Vec<Window<'_>> = split.train().iter().step_by(step).filter_map(|id| set.get(*id)).collect();
     let kalman = Kalman::fit(&training).context("Kalman filter")?;
     Ok(vec![
-        System::blind("constant velocity", ConstantVelocity::default()),
-        System::blind("constant acceleration", ConstantAcceleration::default()),
-        System::blind("Kalman filter", kalman),
-        System::blind("IDM", Idm::default()),
+        System::predictor("constant velocity", ConstantVelocity::default()),
+        System::predictor("constant acceleration", ConstantAcceleration::default()),
+        System::predictor("Kalman filter", kalman),
+        System::predictor("IDM", Idm::default()),
     ])
 }
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use gnp_data::{Split, WindowSet};
 use gnp_goal::GoalNet;
-use gnp_model::{Features, Header, Part};
+use gnp_model::{Component, Features, Header};
 use gnp_modes::Modes;
 use gnp_nn::Weights;
 use gnp_train::{
@@ -24,7 +24,7 @@ use crate::terminal::{Terminal, Work, duration};
 ///
 /// # Errors
 /// When the training fails; [`Interrupted`] when the user asked to stop.
-pub(crate) fn run(session: &Session, part: Part) -> Result<()> {
+pub(crate) fn run(session: &Session, part: Component) -> Result<()> {
     let set = session.windows()?;
     let (split, features) = session.parted(&set)?;
     let config = &session.config;
@@ -32,20 +32,20 @@ pub(crate) fn run(session: &Session, part: Part) -> Result<()> {
     let parts = [Windows::new(&set, split.train()), Windows::new(&set, split.validation())];
     let header = header(session, part, &set, &split, &features);
     match part {
-        Part::Goal => {
+        Component::Goal => {
             let modes = Modes::load(&session.folder.path("modes.safetensors"))?;
             let net = GoalNet::new(&config.goal.net, features.goal_shape(), weights.builder())?;
             let stage = GoalStage::new(net, &weights, &features, &modes, parts, &config.goal.loss)?;
             train(session, &stage, &config.goal.train, Checkpoints::new(session.folder.root(), header, &weights))
         }
-        Part::Attraction => {
+        Component::Attraction => {
             let force = SocialForce::new(&config.traj, weights.builder())?;
             let stage = PathStage::attraction(force, &weights, &features, parts, &config.attraction.loss)?;
             train(session, &stage, &config.attraction.train, Checkpoints::new(session.folder.root(), header, &weights))
         }
-        Part::Repulsion => {
+        Component::Repulsion => {
             let force = SocialForce::new(&config.traj, weights.builder())?;
-            let attraction = Header { part: Part::Attraction, ..header.clone() };
+            let attraction = Header { part: Component::Attraction, ..header.clone() };
             Checkpoints::new(session.folder.root(), attraction, &weights).restore_best()?;
             let neighbours = config.predict.neighbours;
             let stage = PathStage::repulsion(force, &weights, &features, parts, neighbours, &config.repulsion.loss)?;
@@ -55,7 +55,7 @@ pub(crate) fn run(session: &Session, part: Part) -> Result<()> {
 }
 
 /// What the weights are.
-fn header(session: &Session, part: Part, set: &WindowSet<'_>, split: &Split, features: &Features) -> Header {
+fn header(session: &Session, part: Component, set: &WindowSet<'_>, split: &Split, features: &Features) -> Header {
     let (state, config) = (&session.folder.state, &session.config);
     Header {
         part,
@@ -63,8 +63,8 @@ fn header(session: &Session, part: Part, set: &WindowSet<'_>, split: &Split, fea
         simulated: state.data.simulated,
         shape: set.shape(),
         features: features.clone(),
-        goal: (part == Part::Goal).then(|| config.goal.net.clone()),
-        traj: (part != Part::Goal).then(|| config.traj.clone()),
+        goal: (part == Component::Goal).then(|| config.goal.net.clone()),
+        traj: (part != Component::Goal).then(|| config.traj.clone()),
         seed: config.seed,
         code_version: env!("CARGO_PKG_VERSION").to_owned(),
         split_hash: split.hash().to_owned(),

@@ -137,11 +137,11 @@ impl Idm {
         let [vx, vy] = velocity(observation, periods);
         let mut leader = observation.neighbour(Slot::Preceding as usize).map(|leader| {
             let gap = leader.now().x - (leader.size()[0] + observation.size()[0]) / 2.;
-            Leader { speed: speed(&leader, shape.observed, periods, shape.dt()).max(0.), gap: f64::from(gap) }
+            Leader { speed: speed(&leader, shape.t_obs, periods, shape.dt()).max(0.), gap: f64::from(gap) }
         });
         let (dt, settling) = (shape.dt(), self.parameters.settling);
         let (mut x, mut speed) = (0., vx.max(0.));
-        let path = (1..=shape.predicted).map(|j| {
+        let path = (1..=shape.t_pred).map(|j| {
             // The acceleration holds for a frame ("ballistic" update), but nobody drives backwards.
             let acceleration = self.acceleration(speed, leader);
             let next = (speed + acceleration * dt).max(0.);
@@ -161,8 +161,8 @@ impl Idm {
 
 /// Speed forward of a neighbour, m/s, by least squares over the last `periods` frame periods, or as
 /// many of them as it was there without a gap; that of its state where it has just appeared.
-fn speed(neighbour: &Neighbour<'_>, observed: usize, periods: usize, dt: f64) -> f64 {
-    let back = (0..=periods).map_while(|back| neighbour.state(observed.checked_sub(1 + back)?));
+fn speed(neighbour: &Neighbour<'_>, t_obs: usize, periods: usize, dt: f64) -> f64 {
+    let back = (0..=periods).map_while(|back| neighbour.state(t_obs.checked_sub(1 + back)?));
     let x: Vec<f64> = back.map(|state| f64::from(state.x)).collect();
     if x.len() < 2 { f64::from(neighbour.now().vx) } else { slope(x.into_iter().rev()) / dt }
 }

@@ -83,7 +83,7 @@ impl Kalman {
     /// When there is no window, or they differ in shape or have a single observed frame.
     pub fn fit(windows: &[Window<'_>]) -> Result<Self, BaselineError> {
         let shape = windows.first().ok_or(BaselineError::NoWindows)?.observation().shape();
-        if shape.observed < 2 || !windows.iter().all(|window| window.observation().shape().fits(&shape)) {
+        if shape.t_obs < 2 || !windows.iter().all(|window| window.observation().shape().fits(&shape)) {
             return Err(BaselineError::Shapes);
         }
         let mut noise = Self::NOISE;
@@ -110,7 +110,7 @@ impl Kalman {
         let shape = observation.shape();
         let filters = self.filters(shape)?;
         let states = [0, 1].map(|axis| filters[axis].last(observation, axis));
-        Ok((0..shape.predicted)
+        Ok((0..shape.t_pred)
             .map(|j| Gaussian {
                 mean: states.map(|state| state.at((j + 1) as f64 * shape.dt())),
                 sigma: [0, 1].map(|axis: usize| filters[axis].variances[j].sqrt()),
@@ -119,10 +119,10 @@ impl Kalman {
     }
 
     fn filters(&self, shape: WindowShape) -> Result<[Filter; 2], PredictError> {
-        if shape.observed >= 2 {
+        if shape.t_obs >= 2 {
             return Ok(self.noise.map(|noise| Filter::new(noise, shape)));
         }
-        let found = shape.observed.to_string();
+        let found = shape.t_obs.to_string();
         Err(PredictError::Shape { model: NAME.to_owned(), needs: "2 observed frames or more".to_owned(), found })
     }
 }
@@ -184,14 +184,14 @@ impl Filter {
         let density = noise.wander.powi(2);
         // Variances of position and velocity, and their covariance, after the first frame.
         let (mut pp, mut pv, mut vv) = (measured, 0., SPEED_BEFORE.powi(2));
-        let mut gains = Vec::with_capacity(shape.observed);
-        let mut variances = Vec::with_capacity(shape.predicted);
-        for frame in 1..shape.observed + shape.predicted {
+        let mut gains = Vec::with_capacity(shape.t_obs);
+        let mut variances = Vec::with_capacity(shape.t_pred);
+        for frame in 1..shape.t_obs + shape.t_pred {
             pp += dt * (2. * pv + dt * vv) + density * dt.powi(3) / 3.;
             pv += dt * vv + density * dt.powi(2) / 2.;
             vv += density * dt;
             let innovation = pp + measured;
-            if frame >= shape.observed {
+            if frame >= shape.t_obs {
                 variances.push(innovation);
                 continue;
             }

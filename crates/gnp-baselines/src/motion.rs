@@ -42,20 +42,20 @@ pub(crate) fn check_span(seconds: f64, default: f64) -> Result<(), BaselineError
 /// Frame periods in `seconds`, at least `least`; an error where the window observes fewer.
 pub(crate) fn periods(model: &str, shape: WindowShape, seconds: f64, least: usize) -> Result<usize, PredictError> {
     let periods = ((seconds * shape.rate_hz).round() as usize).max(least);
-    if periods < shape.observed {
+    if periods < shape.t_obs {
         return Ok(periods);
     }
     Err(PredictError::Shape {
         model: model.to_owned(),
         needs: format!("{} observed frames ({seconds} s at {} Hz)", periods + 1, shape.rate_hz),
-        found: format!("{}", shape.observed),
+        found: format!("{}", shape.t_obs),
     })
 }
 
 /// Positions of the target in the last `periods + 1` observed frames, m, oldest first.
 fn recent(observation: &Observation<'_>, periods: usize) -> impl Iterator<Item = [f64; 2]> {
-    let observed = observation.shape().observed;
-    (observed - 1 - periods..observed).map(|i| {
+    let t_obs = observation.shape().t_obs;
+    (t_obs - 1 - periods..t_obs).map(|i| {
         let state = observation.target(i);
         [f64::from(state.x), f64::from(state.y)]
     })
@@ -107,6 +107,6 @@ pub(crate) fn velocity_and_acceleration(observation: &Observation<'_>, periods: 
 /// One future with probability 1: the position at each predicted frame's time (s) after the last
 /// observed one.
 pub(crate) fn certain(shape: WindowShape, position: impl Fn(f64) -> [f64; 2]) -> Forecast {
-    let path = (1..=shape.predicted).map(|j| position(j as f64 * shape.dt()).map(|value| value as f32)).collect();
+    let path = (1..=shape.t_pred).map(|j| position(j as f64 * shape.dt()).map(|value| value as f32)).collect();
     Forecast { modes: vec![Mode { probability: 1., path, explanation: None }] }
 }

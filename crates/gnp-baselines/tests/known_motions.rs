@@ -8,12 +8,12 @@ use gnp_data::{
     WindowShape,
 };
 
-const SHAPE: WindowShape = WindowShape { observed: 16, predicted: 30, step: 1, rate_hz: 10. };
+const SHAPE: WindowShape = WindowShape { t_obs: 16, t_pred: 30, step: 1, rate_hz: 10. };
 
 /// One vehicle whose centre at time `t` (s; 0 in the last observed frame) is `at(t)`, with nothing
 /// recorded after the last observed frame.
 fn driven(shape: WindowShape, at: impl Fn(f64) -> [f64; 2]) -> Recording {
-    let rows = shape.observed;
+    let rows = shape.t_obs;
     let path: Vec<[f64; 2]> = (0..rows).map(|i| at((i as f64 + 1. - rows as f64) * shape.dt())).collect();
     let column = |axis: usize| path.iter().map(|position| position[axis] as f32).collect::<Vec<f32>>();
     let columns = Columns {
@@ -48,12 +48,12 @@ fn driven(shape: WindowShape, at: impl Fn(f64) -> [f64; 2]) -> Recording {
 
 fn path(predictor: &dyn Predictor, shape: WindowShape, at: impl Fn(f64) -> [f64; 2]) -> Vec<[f32; 2]> {
     let recording = driven(shape, at);
-    let observation = Observation::new(&recording, shape, 0, shape.observed - 1).unwrap();
+    let observation = Observation::new(&recording, shape, 0, shape.t_obs - 1).unwrap();
     let forecasts = predictor.predict(&[observation, observation], 6).unwrap();
     assert_eq!(forecasts.len(), 2);
     assert_eq!(forecasts[0], forecasts[1]);
     let [mode] = &forecasts[0].modes[..] else { panic!("one mode") };
-    assert_eq!((mode.probability, mode.path.len()), (1., shape.predicted));
+    assert_eq!((mode.probability, mode.path.len()), (1., shape.t_pred));
     assert!(mode.explanation.is_none());
     mode.path.clone()
 }
@@ -125,7 +125,7 @@ fn a_longer_span_averages_noise_away() {
 
 #[test]
 fn times_are_those_of_the_windows_rate() {
-    let shape = WindowShape { observed: 11, predicted: 7, step: 1, rate_hz: 25. };
+    let shape = WindowShape { t_obs: 11, t_pred: 7, step: 1, rate_hz: 25. };
     let at = |t: f64| [30. * t + t * t, 0.];
     assert_follows(&path(&ConstantAcceleration::new(0.4).unwrap(), shape, at), 0.04, at);
     assert_follows(&path(&ConstantVelocity::new(0.04).unwrap(), shape, at), 0.04, |t| [29.96 * t, 0.]);
@@ -133,7 +133,7 @@ fn times_are_those_of_the_windows_rate() {
 
 #[test]
 fn too_short_a_past_is_an_error_that_says_how_much_is_needed() {
-    let shape = WindowShape { observed: 4, predicted: 7, step: 1, rate_hz: 10. };
+    let shape = WindowShape { t_obs: 4, t_pred: 7, step: 1, rate_hz: 10. };
     let recording = driven(shape, |t| [t, 0.]);
     let observation = Observation::new(&recording, shape, 0, 3).unwrap();
     let error = ConstantAcceleration::default().predict(&[observation], 1).unwrap_err();

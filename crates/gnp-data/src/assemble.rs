@@ -4,10 +4,10 @@
 use rayon::prelude::*;
 
 use crate::error::DataError;
+use crate::ingest_report::IngestReport;
 use crate::lookup::FrameIndex;
 use crate::neighbours;
-use crate::quality::Quality;
-use crate::recording::{Columns, NOBODY, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass};
+use crate::recording::{Columns, NO_TRACK, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass};
 
 /// Rows of one recording in SI units and the road frame, in the order of the file.
 pub(crate) struct Rows {
@@ -41,7 +41,7 @@ pub(crate) fn assemble(
     roads: Vec<Road>,
     rows: Rows,
     body: impl Fn(usize) -> Body,
-) -> Result<(Recording, Quality), DataError> {
+) -> Result<(Recording, IngestReport), DataError> {
     let rows_read = rows.x.len() as u64;
     let Kept { order, duplicates, conflicts } = keep(&rows, &body);
     let pick = |row: usize| order.as_ref().map_or(row, |order| order[row] as usize);
@@ -68,7 +68,7 @@ pub(crate) fn assemble(
     };
     let columns = Columns { x, y, vx, vy, lane, neighbours };
     let recording = Recording::from_parts(meta, roads, tracks, columns)?;
-    let mut quality = Quality::of(&recording);
+    let mut quality = IngestReport::of(&recording);
     quality.rows_read = rows_read;
     quality.duplicates = duplicates;
     quality.conflicts = conflicts;
@@ -163,7 +163,7 @@ fn named(
     pick: impl Fn(usize) -> usize + Sync,
     count: usize,
 ) -> (Vec<[u32; SLOTS]>, u64) {
-    let mut slots = vec![[NOBODY; SLOTS]; count];
+    let mut slots = vec![[NO_TRACK; SLOTS]; count];
     let mut rest = slots.as_mut_slice();
     let mut of_track = Vec::with_capacity(tracks.len());
     for track in tracks {

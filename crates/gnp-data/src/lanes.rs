@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::recording::{LaneLine, LineKind};
+use crate::recording::{LaneMarking, MarkingKind};
 
 /// Width of a lane of an American motorway: 12 feet, m.
 const LANE_WIDTH: f32 = 3.66;
@@ -40,14 +40,14 @@ pub(crate) fn fit(lane: &[i16], y: &[f32]) -> Fit {
 /// Lane lines, and how wide the lanes between them are.
 pub(crate) struct Fit {
     /// From right to left.
-    pub(crate) lines: Vec<LaneLine>,
+    pub(crate) lines: Vec<LaneMarking>,
     /// Mean distance between the centres of neighbouring lanes, m; `None` with fewer than two lanes.
     pub(crate) width: Option<f32>,
 }
 
-fn lines(centres: &[(i16, f32)]) -> Vec<LaneLine> {
-    let centre_line = |y| LaneLine { kind: LineKind::Centre, y };
-    let mut lines: Vec<LaneLine> = Vec::new();
+fn lines(centres: &[(i16, f32)]) -> Vec<LaneMarking> {
+    let centre_line = |y| LaneMarking { kind: MarkingKind::LaneDivider, y };
+    let mut lines: Vec<LaneMarking> = Vec::new();
     for pair in centres.windows(2) {
         let [(left, y_left), (right, y_right)] = [pair[0], pair[1]];
         let lanes = right - left;
@@ -59,9 +59,9 @@ fn lines(centres: &[(i16, f32)]) -> Vec<LaneLine> {
         (_, _, Some((_, y))) => (y + LANE_WIDTH / 2., y - LANE_WIDTH / 2.),
         _ => return Vec::new(),
     };
-    lines.push(LaneLine { kind: LineKind::Boundary, y: right });
+    lines.push(LaneMarking { kind: MarkingKind::Boundary, y: right });
     lines.reverse();
-    lines.push(LaneLine { kind: LineKind::Boundary, y: left });
+    lines.push(LaneMarking { kind: MarkingKind::Boundary, y: left });
     lines
 }
 
@@ -120,12 +120,12 @@ mod tests {
             .unzip()
     }
 
-    fn lines(lanes: &[(i16, f32, usize)]) -> Vec<(LineKind, f32)> {
+    fn lines(lanes: &[(i16, f32, usize)]) -> Vec<(MarkingKind, f32)> {
         let (lane, y) = rows(lanes);
         fit(&lane, &y).lines.iter().map(|line| (line.kind, (line.y * 100.).round() / 100.)).collect()
     }
 
-    use LineKind::{Boundary, Centre};
+    use MarkingKind::{Boundary, Centre};
 
     #[test]
     fn lines_lie_midway_and_edges_a_lane_beyond() {

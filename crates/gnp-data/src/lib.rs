@@ -8,13 +8,13 @@
 mod assemble;
 mod cache;
 mod error;
+mod ingest_report;
 mod lanes;
 mod lookup;
 mod neighbours;
 mod overlap;
 mod parts;
 mod predictor;
-mod quality;
 mod reader;
 mod recording;
 pub mod schema;
@@ -25,14 +25,15 @@ mod window;
 mod windows;
 
 pub use crate::error::DataError;
+pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
 pub use crate::overlap::{Overlap, groups, overlaps};
-pub use crate::predictor::{Explanation, Forecast, InformedPredictor, Mode, PredictError, Predictor, StepForces};
-pub use crate::quality::{JUMP_ACCELERATION, JUMP_SPEED, LaneSource, Quality};
+pub use crate::predictor::{Explanation, Forecast, Mode, OraclePredictor, PredictError, Predictor, StepForces};
 pub use crate::reader::{Expectation, Source, discover, read};
 pub use crate::recording::{
-    Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Slot, State, Track, VehicleClass,
+    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Slot, Track, TrackState,
+    VehicleClass,
 };
-pub use crate::split::{Part, Split, SplitConfig, SplitKind};
+pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
 pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey, WindowShape};
 pub use crate::windows::{DropCounts, RecordingDrops, WindowConfig, WindowSet};

@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use crate::lookup::FrameIndex;
-use crate::recording::{NOBODY, SLOTS, Slot, Track};
+use crate::recording::{NO_TRACK, SLOTS, Slot, Track};
 
 /// Ramp lanes: numbers from here on all lie to the right of the lane before, at different places
 /// along the road.
@@ -27,7 +27,7 @@ struct Present {
 /// is alongside (the nearest of several), otherwise the nearest ahead precedes and the nearest
 /// behind follows. Rows without a lane number have no neighbours and are nobody's.
 pub(crate) fn from_lanes(tracks: &[Track], frames: &FrameIndex, x: &[f32], lane: &[i16]) -> Vec<[u32; SLOTS]> {
-    let mut slots = vec![[NOBODY; SLOTS]; x.len()];
+    let mut slots = vec![[NO_TRACK; SLOTS]; x.len()];
     let Some(first) = tracks.iter().map(|track| track.first_frame).min() else { return slots };
     let last = tracks.iter().map(Track::last_frame).max().unwrap_or(first);
     for block in (first..=last).step_by(FRAMES) {
@@ -62,8 +62,8 @@ fn in_frame(tracks: &[Track], present: &[u32], frame: u32, x: &[f32], lane: &[i1
         &vehicles[from..to]
     };
     let slots = vehicles.iter().enumerate().map(|(i, me)| {
-        let mut slots = [NOBODY; SLOTS];
-        let same = |other: Option<&Present>| other.filter(|o| o.lane == me.lane).map_or(NOBODY, |o| o.track);
+        let mut slots = [NO_TRACK; SLOTS];
+        let same = |other: Option<&Present>| other.filter(|o| o.lane == me.lane).map_or(NO_TRACK, |o| o.track);
         slots[Slot::Preceding as usize] = same(vehicles.get(i + 1));
         slots[Slot::Following as usize] = same(i.checked_sub(1).and_then(|i| vehicles.get(i)));
         let sides = [
@@ -86,7 +86,7 @@ fn beside_of(me: &Present, lane: &[Present]) -> [u32; 3] {
     let overlaps = |other: &Present| (other.x - me.x).abs() < other.half_length + me.half_length;
     let middle = lane.partition_point(|other| other.x < me.x);
     let (behind, ahead) = lane.split_at(middle);
-    let name = |other: Option<&Present>| other.map_or(NOBODY, |other| other.track);
+    let name = |other: Option<&Present>| other.map_or(NO_TRACK, |other| other.track);
     // Bodies differ in length, so the nearest centre may be clear while one further off overlaps.
     let near_ahead = ahead.iter().take_while(|other| other.x - me.x < LONGEST).find(|other| overlaps(other));
     let near_behind = behind.iter().rev().take_while(|other| me.x - other.x < LONGEST).find(|other| overlaps(other));
@@ -131,7 +131,7 @@ mod tests {
         from_lanes(&tracks, &frames, &x, &lane)
     }
 
-    const N: u32 = NOBODY;
+    const N: u32 = NO_TRACK;
 
     #[test]
     fn all_eight_slots() {

@@ -11,19 +11,19 @@ use serde::{Deserialize, Serialize};
 
 use crate::recording::Recording;
 
-/// Length of the stretches of motion that are compared, s.
+/// Length of the snippets of motion that are compared, s.
 const STRETCH_S: f64 = 1.2;
-/// Speeds of a stretch that enter its signature.
+/// Speeds of a snippet that enter its signature.
 const SAMPLES: usize = 5;
 /// Width of a speed bin of a signature, m/s. Coarser than the noise between two cuts of one scene.
 const SPEED_BIN: f32 = 0.3;
-/// Two stretches are one when speeds and positions relative to their start agree within this.
+/// Two snippets are one when speeds and positions relative to their start agree within this.
 const SPEED_TOLERANCE: f32 = 0.1;
 const LATERAL_TOLERANCE: f32 = 0.06;
 const LONGITUDINAL_TOLERANCE: f32 = 0.2;
-/// A stretch must change its speed by at least this to tell drivers apart, m/s.
+/// A snippet must change its speed by at least this to tell drivers apart, m/s.
 const DISTINCTIVE: f32 = 0.15;
-/// Signatures that more stretches than this share tell nobody apart.
+/// Signatures that more snippets than this share tell nobody apart.
 const COMMON: usize = 256;
 /// Vehicles that must agree at one shift in time and in space. One or two may do so by chance.
 const VEHICLES: usize = 3;
@@ -50,9 +50,9 @@ pub struct Overlap {
 /// Pairs of tracks that move alike at one shift in time, with their shift in space, m.
 type Places = BTreeMap<(u32, u32), f32>;
 
-/// A stretch of motion: where it is, under a signature of what it is.
+/// A snippet of motion: where it is, under a signature of what it is.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Stretch {
+struct Snippet {
     signature: u64,
     recording: u32,
     track: u32,
@@ -67,14 +67,14 @@ struct Stretch {
 pub fn overlaps(recordings: &[Recording]) -> Vec<Overlap> {
     let rows: usize = recordings.iter().map(Recording::len).sum();
     let share = 1 + (rows / ROWS_IN_FULL) as u64;
-    let mut stretches = Vec::new();
+    let mut snippets = Vec::new();
     for (index, recording) in recordings.iter().enumerate() {
-        collect(index as u32, recording, share, &mut stretches);
+        collect(index as u32, recording, share, &mut snippets);
     }
-    stretches.sort_unstable();
+    snippets.sort_unstable();
     // (recording a, recording b, shift in time) -> pairs of tracks that move alike, with their shift in space
     let mut alike: BTreeMap<(u32, u32, i64), Places> = BTreeMap::new();
-    for run in stretches.chunk_by(|a, b| a.signature == b.signature).filter(|run| run.len() <= COMMON) {
+    for run in snippets.chunk_by(|a, b| a.signature == b.signature).filter(|run| run.len() <= COMMON) {
         for (i, a) in run.iter().enumerate() {
             for b in run[i + 1..].iter().filter(|b| b.recording != a.recording) {
                 let (ra, rb) = (&recordings[a.recording as usize], &recordings[b.recording as usize]);
@@ -113,7 +113,7 @@ fn stretch_frames(recording: &Recording) -> usize {
     ((STRETCH_S * recording.meta().rate_hz).round() as usize).max(SAMPLES)
 }
 
-fn collect(index: u32, recording: &Recording, share: u64, out: &mut Vec<Stretch>) {
+fn collect(index: u32, recording: &Recording, share: u64, out: &mut Vec<Snippet>) {
     let frames = stretch_frames(recording);
     let vx = &recording.columns().vx;
     for (track, t) in recording.tracks().iter().enumerate() {
@@ -130,14 +130,14 @@ fn collect(index: u32, recording: &Recording, share: u64, out: &mut Vec<Stretch>
                 (hash ^ value as u64).wrapping_mul(0x0100_0000_01b3).rotate_left(17)
             });
             if signature.is_multiple_of(share) {
-                out.push(Stretch { signature, recording: index, track: track as u32, row: row as u32 });
+                out.push(Snippet { signature, recording: index, track: track as u32, row: row as u32 });
             }
         }
     }
 }
 
-/// Whether two stretches are one motion, frame by frame.
-fn agree(ra: &Recording, a: &Stretch, rb: &Recording, b: &Stretch) -> bool {
+/// Whether two snippets are one motion, frame by frame.
+fn agree(ra: &Recording, a: &Snippet, rb: &Recording, b: &Snippet) -> bool {
     let (ca, cb) = (ra.columns(), rb.columns());
     let (a, b) = (a.row as usize, b.row as usize);
     (0..stretch_frames(ra)).all(|i| {
@@ -149,9 +149,9 @@ fn agree(ra: &Recording, a: &Stretch, rb: &Recording, b: &Stretch) -> bool {
     })
 }
 
-fn frame(recording: &Recording, stretch: &Stretch) -> i64 {
-    let track = &recording.tracks()[stretch.track as usize];
-    i64::from(track.first_frame) + (stretch.row as usize - track.rows.start) as i64
+fn frame(recording: &Recording, snippet: &Snippet) -> i64 {
+    let track = &recording.tracks()[snippet.track as usize];
+    i64::from(track.first_frame) + (snippet.row as usize - track.rows.start) as i64
 }
 
 /// The most vehicles that share one shift in space, each in one pair only: at one instant a vehicle
@@ -192,7 +192,7 @@ pub fn groups(recordings: &[Recording], overlaps: &[Overlap]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::{Columns, Dataset, NOBODY, RecordingMeta, Road, SLOTS, Track, VehicleClass};
+    use crate::recording::{Columns, Dataset, NO_TRACK, RecordingMeta, Road, SLOTS, Track, VehicleClass};
 
     /// A cut of frames `from..from + 60` of made-up traffic: vehicle `i` speeds up and slows down
     /// in its own rhythm. `noise` moves every value a little, as a second measurement would.
@@ -208,7 +208,7 @@ mod tests {
                 columns.vx.push(20. + swing * (pace * t).sin() + noise * 0.5);
                 columns.vy.push(0.);
                 columns.lane.push(1);
-                columns.neighbours.push([NOBODY; SLOTS]);
+                columns.neighbours.push([NO_TRACK; SLOTS]);
             }
             tracks.push(Track {
                 vehicle: n as u32 + 1,

@@ -2,7 +2,7 @@
 
 use crate::error::DataError;
 use crate::lookup::FrameIndex;
-use crate::recording::{Columns, NOBODY, Recording, RecordingMeta, Road, Track};
+use crate::recording::{Columns, NO_TRACK, Recording, RecordingMeta, Road, Track};
 
 /// Longest span of frames a recording may have: a day at 100 Hz. The frame index is as long.
 pub(crate) const MAX_FRAMES: u32 = 8_640_000;
@@ -103,7 +103,7 @@ fn check_columns(columns: &Columns, tracks: &[Track]) -> Result<(), String> {
     for (t, track) in tracks.iter().enumerate() {
         for row in track.rows.clone() {
             let frame = track.first_frame + (row - track.rows.start) as u32;
-            for neighbour in columns.neighbours[row].iter().filter(|n| **n != NOBODY) {
+            for neighbour in columns.neighbours[row].iter().filter(|n| **n != NO_TRACK) {
                 let there = tracks.get(*neighbour as usize).and_then(|other| other.row_at(frame));
                 if there.is_none() || *neighbour as usize == t {
                     return Err(format!(

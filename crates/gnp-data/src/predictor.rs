@@ -19,7 +19,7 @@ pub trait Predictor: Send + Sync {
 
 /// A predictor that is handed recorded futures (GNP with oracle neighbours, PiP with the true
 /// plan). Every number made with one is marked.
-pub trait InformedPredictor: Send + Sync {
+pub trait OraclePredictor: Send + Sync {
     /// Name in tables and files; says what it is informed of.
     fn name(&self) -> &str;
 
@@ -27,7 +27,7 @@ pub trait InformedPredictor: Send + Sync {
     ///
     /// # Errors
     /// As [`Predictor::predict`].
-    fn predict_informed(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError>;
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError>;
 }
 
 /// The futures of one window.

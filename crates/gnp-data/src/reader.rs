@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 pub use self::discover::discover;
 use crate::error::DataError;
-use crate::quality::Quality;
+use crate::ingest_report::IngestReport;
 use crate::recording::{Dataset, Recording};
 
 /// Files that hold one recording, or several where a file joins sites and periods.
@@ -51,7 +51,7 @@ pub struct Expectation {
 ///
 /// # Errors
 /// Any [`DataError`] about a file: see there.
-pub fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, Quality)>, DataError> {
+pub fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     if source.dataset != expect.dataset {
         return Err(DataError::NoRecordings {
             folder: source.files.first().cloned().unwrap_or_default(),

@@ -31,18 +31,18 @@ pub enum VehicleClass {
 /// Whether a lane line may be crossed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum LineKind {
+pub enum MarkingKind {
     /// The edge of the carriageway.
     Boundary,
     /// A line between two lanes.
-    Centre,
+    LaneDivider,
 }
 
 /// A lane line of a straight road.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LaneLine {
+pub struct LaneMarking {
     /// Edge or line between lanes.
-    pub kind: LineKind,
+    pub kind: MarkingKind,
     /// Lateral position in m, growing to the left of travel.
     pub y: f32,
 }
@@ -53,7 +53,7 @@ pub struct Road {
     /// `drivingDirection` of highD (1 or 2); 2 where the data has a single direction.
     pub driving_direction: u8,
     /// Lines from right to left, that is with growing `y`.
-    pub lines: Vec<LaneLine>,
+    pub lines: Vec<LaneMarking>,
     /// Whether `lines` were fitted from lane numbers and positions instead of being given.
     pub fitted: bool,
 }
@@ -111,7 +111,7 @@ impl Track {
 
 /// Position and velocity of a vehicle's centre.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct State {
+pub struct TrackState {
     /// Forward, m.
     pub x: f32,
     /// To the left, m.
@@ -170,7 +170,7 @@ impl Slot {
 }
 
 /// No track in a slot of [`Columns::neighbours`].
-pub(crate) const NOBODY: u32 = u32::MAX;
+pub(crate) const NO_TRACK: u32 = u32::MAX;
 
 /// The rows of all tracks, one vector a quantity; row `i` of every vector is the same instant.
 ///
@@ -245,18 +245,18 @@ impl Recording {
         self.frames.present(frame)
     }
 
-    /// State in a row, road frame. For the velocity of the last observed frame take
+    /// TrackState in a row, road frame. For the velocity of the last observed frame take
     /// [`Recording::velocity_one_sided`].
     #[must_use]
-    pub fn state(&self, row: usize) -> State {
+    pub fn state(&self, row: usize) -> TrackState {
         let c = &self.columns;
-        State { x: c.x[row], y: c.y[row], vx: c.vx[row], vy: c.vy[row] }
+        TrackState { x: c.x[row], y: c.y[row], vx: c.vx[row], vy: c.vy[row] }
     }
 
     /// Track in `slot` at `row`.
     #[must_use]
     pub fn neighbour(&self, row: usize, slot: usize) -> Option<usize> {
         let track = self.columns.neighbours[row][slot];
-        (track != NOBODY).then_some(track as usize)
+        (track != NO_TRACK).then_some(track as usize)
     }
 }

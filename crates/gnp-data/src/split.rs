@@ -49,7 +49,7 @@ impl SplitKind {
 /// A part of a split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Part {
+pub enum Subset {
     /// What is learned from, and the only source of statistics.
     Train,
     /// What decides when training stops.
@@ -58,7 +58,7 @@ pub enum Part {
     Test,
 }
 
-impl Part {
+impl Subset {
     /// All parts, in order.
     pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
 
@@ -157,7 +157,7 @@ pub struct Split {
     parts: [Vec<WindowId>; 3],
     kinds: BTreeMap<String, SplitKind>,
     seed: u64,
-    straddling: BTreeMap<String, usize>,
+    dropped_at_boundary: BTreeMap<String, usize>,
     overlaps: Vec<Overlap>,
     hash: String,
 }
@@ -167,7 +167,7 @@ pub struct Split {
 struct Origin {
     kinds: BTreeMap<String, SplitKind>,
     seed: u64,
-    straddling: BTreeMap<String, usize>,
+    dropped_at_boundary: BTreeMap<String, usize>,
     overlaps: Vec<Overlap>,
 }
 
@@ -196,14 +196,14 @@ impl Split {
         }
         let groups = groups(set.recordings(), overlaps);
         let mut parts = <[Vec<WindowId>; 3]>::default();
-        let mut straddling = BTreeMap::new();
+        let mut dropped_at_boundary = BTreeMap::new();
         for kind in BTreeSet::from_iter(kinds.values().copied()) {
             let ids = set.ids().iter().copied().filter(|id| kind_of(set, *id, &kinds) == Some(kind)).collect();
             let assigned = assign::assign(set, ids, kind, &groups, config.dealing(), config.seed);
-            for (name, dropped) in assigned.straddling {
-                straddling.insert(name, dropped);
+            for (name, dropped) in assigned.dropped_at_boundary {
+                dropped_at_boundary.insert(name, dropped);
             }
-            for (part, ids) in Part::ALL.into_iter().zip(assigned.parts) {
+            for (part, ids) in Subset::ALL.into_iter().zip(assigned.parts) {
                 if ids.is_empty() {
                     let sites = kinds.iter().filter(|(_, k)| **k == kind).map(|(site, _)| site.clone()).collect();
                     return Err(DataError::EmptyPart {
@@ -219,7 +219,7 @@ impl Split {
         for ids in &mut parts {
             ids.sort_unstable();
         }
-        let origin = Origin { kinds, seed: config.seed, straddling, overlaps: overlaps.to_vec() };
+        let origin = Origin { kinds, seed: config.seed, dropped_at_boundary, overlaps: overlaps.to_vec() };
         let split = Self::with_hash(set, parts, origin);
         split.check(set)?;
         Ok(split)
@@ -235,32 +235,32 @@ impl Split {
 
     fn with_hash(set: &WindowSet<'_>, parts: [Vec<WindowId>; 3], origin: Origin) -> Self {
         let hash = saved::hash(set, &parts);
-        let Origin { kinds, seed, straddling, overlaps } = origin;
-        Self { parts, kinds, seed, straddling, overlaps, hash }
+        let Origin { kinds, seed, dropped_at_boundary, overlaps } = origin;
+        Self { parts, kinds, seed, dropped_at_boundary, overlaps, hash }
     }
 
     /// Windows of a part, by recording, track and row.
     #[must_use]
-    pub fn part(&self, part: Part) -> &[WindowId] {
+    pub fn subset(&self, part: Subset) -> &[WindowId] {
         &self.parts[part as usize]
     }
 
     /// Windows to learn from.
     #[must_use]
     pub fn train(&self) -> &[WindowId] {
-        self.part(Part::Train)
+        self.subset(Subset::Train)
     }
 
     /// Windows that decide when training stops.
     #[must_use]
     pub fn validation(&self) -> &[WindowId] {
-        self.part(Part::Validation)
+        self.subset(Subset::Validation)
     }
 
     /// Windows that are scored.
     #[must_use]
     pub fn test(&self) -> &[WindowId] {
-        self.part(Part::Test)
+        self.subset(Subset::Test)
     }
 
     /// Kind by site; empty where every window is a test window.
@@ -277,8 +277,8 @@ impl Split {
 
     /// Windows in no part, by recording: those that reach from one stretch of time into the next.
     #[must_use]
-    pub fn straddling(&self) -> &BTreeMap<String, usize> {
-        &self.straddling
+    pub fn dropped_at_boundary(&self) -> &BTreeMap<String, usize> {
+        &self.dropped_at_boundary
     }
 
     /// SHA-256, in hex, of a text that lists the windows' shape and every part's windows by name.
@@ -312,5 +312,5 @@ fn frames_of(set: &WindowSet<'_>, id: WindowId) -> Option<(u32, u32)> {
     let observation = set.get(id)?.observation();
     let shape = observation.shape();
     let t0 = observation.frame();
-    Some((t0 - ((shape.observed - 1) * shape.step) as u32, t0 + (shape.predicted * shape.step) as u32))
+    Some((t0 - ((shape.t_obs - 1) * shape.step) as u32, t0 + (shape.t_pred * shape.step) as u32))
 }

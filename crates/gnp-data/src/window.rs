@@ -4,16 +4,16 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::recording::{LaneLine, Recording, SLOTS, State, Track, VehicleClass};
+use crate::recording::{LaneMarking, Recording, SLOTS, Track, TrackState, VehicleClass};
 
 /// The shape of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WindowShape {
     /// Observed frames, the last one included: a full 3 s is 31 at 10 Hz.
-    pub observed: usize,
+    pub t_obs: usize,
     /// Predicted frames: 5 s is 50 at 10 Hz.
-    pub predicted: usize,
+    pub t_pred: usize,
     /// Recorded frames from one frame of a window to the next: explicit resampling by whole steps.
     pub step: usize,
     /// Rate of the window's frames in Hz: that of the recording divided by `step`.
@@ -30,15 +30,15 @@ impl WindowShape {
     /// Recorded frames from the first observed frame to the last predicted one, both included.
     #[must_use]
     pub fn span(&self) -> usize {
-        (self.observed.saturating_sub(1) + self.predicted) * self.step + 1
+        (self.t_obs.saturating_sub(1) + self.t_pred) * self.step + 1
     }
 
     /// Whether windows of both shapes look alike to a model: same frames at the same rate. The
     /// step may differ, since recordings of 25 and 50 Hz both give windows of 25 Hz.
     #[must_use]
     pub fn fits(&self, other: &Self) -> bool {
-        self.observed == other.observed
-            && self.predicted == other.predicted
+        self.t_obs == other.t_obs
+            && self.t_pred == other.t_pred
             && (self.rate_hz - other.rate_hz).abs() <= 1e-6 * self.rate_hz.abs()
     }
 }
@@ -101,7 +101,7 @@ impl<'a> Window<'a> {
     pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Option<Self> {
         let observation = Observation::new(recording, shape, track, row)?;
         let rows = &recording.tracks()[track].rows;
-        (shape.predicted > 0 && row + shape.predicted * shape.step < rows.end).then_some(Self { observation })
+        (shape.t_pred > 0 && row + shape.t_pred * shape.step < rows.end).then_some(Self { observation })
     }
 
     /// What may be seen.
@@ -129,7 +129,7 @@ impl<'a> Observation<'a> {
     #[must_use]
     pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Option<Self> {
         let rows = &recording.tracks().get(track)?.rows;
-        let first = row.checked_sub(shape.observed.checked_sub(1)? * shape.step)?;
+        let first = row.checked_sub(shape.t_obs.checked_sub(1)? * shape.step)?;
         (shape.step > 0 && first >= rows.start && row < rows.end).then_some(Self { recording, shape, track, row })
     }
 
@@ -201,10 +201,10 @@ impl<'a> Observation<'a> {
         self.track().class
     }
 
-    /// State of the target in observed frame `i` of `0..observed`, window frame; all zero for any
+    /// TrackState of the target in observed frame `i` of `0..observed`, window frame; all zero for any
     /// other `i`. The velocity of the last one is one-sided.
     #[must_use]
-    pub fn target(&self, i: usize) -> State {
+    pub fn target(&self, i: usize) -> TrackState {
         self.state_of(self.track, i).unwrap_or_default()
     }
 
@@ -238,18 +238,18 @@ impl<'a> Observation<'a> {
     }
 
     /// Lane lines from right to left, in the window's frame.
-    pub fn lines(&self) -> impl ExactSizeIterator<Item = LaneLine> + use<'a> {
+    pub fn lines(&self) -> impl ExactSizeIterator<Item = LaneMarking> + use<'a> {
         let y0 = self.origin()[1];
         let road = usize::from(self.track().road);
-        self.recording.roads()[road].lines.iter().map(move |line| LaneLine { y: line.y - y0, ..*line })
+        self.recording.roads()[road].lines.iter().map(move |line| LaneMarking { y: line.y - y0, ..*line })
     }
 
-    /// State of `track` in observed frame `i`, window frame; `None` where it is absent.
+    /// TrackState of `track` in observed frame `i`, window frame; `None` where it is absent.
     ///
     /// A vehicle that appears in the last observed frame has no past to take its velocity from. It
     /// is given the target's, so that at first it keeps its place beside the target.
-    fn state_of(&self, track: usize, i: usize) -> Option<State> {
-        let last = self.shape.observed - 1;
+    fn state_of(&self, track: usize, i: usize) -> Option<TrackState> {
+        let last = self.shape.t_obs - 1;
         let back = (last.checked_sub(i)? * self.shape.step) as u32;
         let frame = self.frame().checked_sub(back)?;
         let row = self.recording.tracks()[track].row_at(frame)?;
@@ -260,7 +260,7 @@ impl<'a> Observation<'a> {
             [state.vx, state.vy] = velocity.unwrap_or_default();
         }
         let [x0, y0] = self.origin();
-        Some(State { x: state.x - x0, y: state.y - y0, ..state })
+        Some(TrackState { x: state.x - x0, y: state.y - y0, ..state })
     }
 }
 
@@ -291,17 +291,17 @@ pub struct Neighbour<'a> {
 }
 
 impl<'a> Neighbour<'a> {
-    /// State in observed frame `i` of `0..observed`, in the **target's** window frame; `None`
+    /// TrackState in observed frame `i` of `0..observed`, in the **target's** window frame; `None`
     /// where it is absent.
     #[must_use]
-    pub fn state(&self, i: usize) -> Option<State> {
+    pub fn state(&self, i: usize) -> Option<TrackState> {
         self.observation.state_of(self.track, i)
     }
 
-    /// State at the target's last observed frame, in the target's window frame.
+    /// TrackState at the target's last observed frame, in the target's window frame.
     #[must_use]
-    pub fn now(&self) -> State {
-        self.state(self.observation.shape.observed - 1).unwrap_or_default()
+    pub fn now(&self) -> TrackState {
+        self.state(self.observation.shape.t_obs - 1).unwrap_or_default()
     }
 
     /// Its own observation at the same frame, if its track is long enough: what predicts it in turn.
@@ -345,23 +345,23 @@ impl fmt::Debug for Neighbour<'_> {
 }
 
 impl Truth<'_> {
-    /// State of the target in predicted frame `j` of `0..predicted`, window frame; all zero for any
+    /// TrackState of the target in predicted frame `j` of `0..predicted`, window frame; all zero for any
     /// other `j`.
     #[must_use]
-    pub fn target(&self, j: usize) -> State {
+    pub fn target(&self, j: usize) -> TrackState {
         self.state_of(self.observation.track, j).unwrap_or_default()
     }
 
     /// Position in the last predicted frame, m, window frame: the true goal.
     #[must_use]
     pub fn goal(&self) -> [f32; 2] {
-        let end = self.target(self.observation.shape.predicted - 1);
+        let end = self.target(self.observation.shape.t_pred - 1);
         [end.x, end.y]
     }
 
     /// Recorded state of the vehicle in `slot` in predicted frame `j`; `None` where it is absent.
     #[must_use]
-    pub fn neighbour(&self, slot: usize, j: usize) -> Option<State> {
+    pub fn neighbour(&self, slot: usize, j: usize) -> Option<TrackState> {
         let track = self.observation.recording.neighbour(self.observation.row, slot)?;
         self.state_of(track, j)
     }
@@ -369,13 +369,13 @@ impl Truth<'_> {
     /// Recorded state in predicted frame `j` of a vehicle that [`Observation::others`] of the same
     /// window gave; `None` where it is absent.
     #[must_use]
-    pub fn other(&self, neighbour: &Neighbour<'_>, j: usize) -> Option<State> {
+    pub fn other(&self, neighbour: &Neighbour<'_>, j: usize) -> Option<TrackState> {
         (neighbour.track < self.observation.recording.tracks().len()).then(|| self.state_of(neighbour.track, j))?
     }
 
     /// Boxes (state, length and width) of all other vehicles of the carriageway in predicted
     /// frame `j`, those that came after the last observed frame included.
-    pub fn others(&self, j: usize) -> impl Iterator<Item = (State, [f32; 2])> {
+    pub fn others(&self, j: usize) -> impl Iterator<Item = (TrackState, [f32; 2])> {
         let o = &self.observation;
         let (tracks, road) = (o.recording.tracks(), o.track().road);
         let present = o.recording.present(self.frame(j)).iter().map(|track| *track as usize);
@@ -387,7 +387,7 @@ impl Truth<'_> {
     #[must_use]
     pub fn lane(&self, j: usize) -> i16 {
         let o = &self.observation;
-        let row = (j < o.shape.predicted).then(|| o.row + (j + 1) * o.shape.step);
+        let row = (j < o.shape.t_pred).then(|| o.row + (j + 1) * o.shape.step);
         row.map_or(0, |row| o.recording.columns().lane[row])
     }
 
@@ -397,14 +397,14 @@ impl Truth<'_> {
         o.frame() + ((j + 1) * o.shape.step) as u32
     }
 
-    fn state_of(&self, track: usize, j: usize) -> Option<State> {
+    fn state_of(&self, track: usize, j: usize) -> Option<TrackState> {
         let o = &self.observation;
-        if j >= o.shape.predicted {
+        if j >= o.shape.t_pred {
             return None;
         }
         let row = o.recording.tracks()[track].row_at(self.frame(j))?;
         let state = o.recording.state(row);
         let [x0, y0] = o.origin();
-        Some(State { x: state.x - x0, y: state.y - y0, ..state })
+        Some(TrackState { x: state.x - x0, y: state.y - y0, ..state })
     }
 }

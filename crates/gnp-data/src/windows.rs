@@ -59,8 +59,8 @@ impl WindowConfig {
         let step = whole(recording_hz / self.rate_hz)
             .ok_or(DataError::WindowRate { recording_hz, window_hz: self.rate_hz })?;
         Ok(WindowShape {
-            observed: frames("observed_s", self.observed_s, self.rate_hz)? + 1,
-            predicted: frames("predicted_s", self.predicted_s, self.rate_hz)?,
+            t_obs: frames("observed_s", self.observed_s, self.rate_hz)? + 1,
+            t_pred: frames("predicted_s", self.predicted_s, self.rate_hz)?,
             step,
             rate_hz: self.rate_hz,
         })
@@ -234,7 +234,7 @@ fn cut_recording(
         let last = last_segment.entry(track.vehicle).or_insert(track.segment);
         *last = track.segment.max(*last);
     }
-    let observed = (shape.observed - 1) * shape.step;
+    let t_obs = (shape.t_obs - 1) * shape.step;
     let mut drops = RecordingDrops { recording: recording.meta().name.clone(), ..RecordingDrops::default() };
     let mut kept_of = BTreeSet::new();
     for (track_index, track) in recording.tracks().iter().enumerate() {
@@ -242,7 +242,7 @@ fn cut_recording(
         for start in rows.clone().step_by(stride) {
             drops.candidates += 1;
             if start + shape.span() <= rows.end {
-                ids.push(WindowId { recording: index, track: track_index as u32, row: (start + observed) as u32 });
+                ids.push(WindowId { recording: index, track: track_index as u32, row: (start + t_obs) as u32 });
                 drops.windows += 1;
                 kept_of.insert(track.vehicle);
             } else if last_segment.get(&track.vehicle).is_some_and(|last| track.segment < *last) {

@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use gnp_data::{
-    Dataset, Expectation, Part, Recording, Split, SplitConfig, SplitKind, WindowConfig, WindowSet, discover, overlaps,
-    read,
+    Dataset, Expectation, Recording, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowSet, discover,
+    overlaps, read,
 };
 
 fn embedded(folder: &str, dataset: Dataset) -> Vec<Recording> {
@@ -40,9 +40,9 @@ fn ngsim_scenes_are_held_out_whole_and_i_80_by_vehicle() {
     for seed in 0..5 {
         let config = SplitConfig { seed, ..split_config(SplitKind::Recording, sites.clone()) };
         let split = Split::new(&set, &config, &overlaps).unwrap();
-        assert!(!split.leaks() && split.straddling().is_empty());
-        let names = Part::ALL.map(|part| {
-            let windows = split.part(part).iter().map(|id| set.get(*id).unwrap().key());
+        assert!(!split.leaks() && split.dropped_at_boundary().is_empty());
+        let names = Subset::ALL.map(|part| {
+            let windows = split.subset(part).iter().map(|id| set.get(*id).unwrap().key());
             let us_101 = windows.filter(|key| key.recording.starts_with("us101"));
             us_101.map(|key| (key.recording, key.vehicle)).collect::<BTreeSet<_>>()
         });
@@ -58,8 +58,8 @@ fn ngsim_scenes_are_held_out_whole_and_i_80_by_vehicle() {
             let parts = scenes.iter().filter(|s| s.contains(&overlap.first) || s.contains(&overlap.second)).count();
             assert_eq!(parts, 1, "seed {seed}: {overlap:?}");
         }
-        let vehicles = Part::ALL.map(|part| {
-            let windows = split.part(part).iter().map(|id| set.get(*id).unwrap());
+        let vehicles = Subset::ALL.map(|part| {
+            let windows = split.subset(part).iter().map(|id| set.get(*id).unwrap());
             let i_80 = windows.filter(|window| window.observation().site() == "i-80");
             BTreeSet::from_iter(i_80.map(|window| window.key().vehicle)).len()
         });
@@ -74,11 +74,11 @@ fn simulated_recordings_give_windows_of_a_full_three_seconds() {
     let config =
         WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 25., stride_s: 1., site_stride_s: Default::default() };
     let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
-    assert_eq!((set.shape().observed, set.shape().predicted), (76, 125));
+    assert_eq!((set.shape().t_obs, set.shape().t_pred), (76, 125));
     for kind in [SplitKind::Recording, SplitKind::Vehicle, SplitKind::Time] {
         let split = Split::new(&set, &split_config(kind, BTreeMap::new()), &[]).unwrap();
-        let count: usize = Part::ALL.iter().map(|part| split.part(*part).len()).sum();
-        assert_eq!(count + split.straddling().values().sum::<usize>(), set.len(), "{kind:?}");
+        let count: usize = Subset::ALL.iter().map(|part| split.subset(*part).len()).sum();
+        assert_eq!(count + split.dropped_at_boundary().values().sum::<usize>(), set.len(), "{kind:?}");
     }
     // Everybody drives forward, on both carriageways.
     assert!(set.iter().all(|window| window.truth().goal()[0] > 0.));

@@ -4,16 +4,16 @@
 
 mod scene;
 
-use gnp_data::{Dataset, Neighbour, Observation, Recording, SLOTS, State, Window, WindowShape};
-use scene::{NOBODY, Stretch, from_positions};
+use gnp_data::{Dataset, Neighbour, Observation, Recording, SLOTS, TrackState, Window, WindowShape};
+use scene::{NO_TRACK, Snippet, from_positions};
 
-const SHAPE: WindowShape = WindowShape { observed: 7, predicted: 11, step: 2, rate_hz: 5. };
+const SHAPE: WindowShape = WindowShape { t_obs: 7, t_pred: 11, step: 2, rate_hz: 5. };
 /// Last observed frame; six steps of two frames before it are observed.
 const T0: u32 = 40;
 
 /// Vehicle 1 is the target. 2 was there all the time, 3 appears in `T0`, 4 one frame before, 5 was
 /// there and leaves right after `T0`, 6 comes after it, 7 has a gap before.
-const STRETCHES: [Stretch; 8] = [
+const STRETCHES: [Snippet; 8] = [
     (1, 0, 20, 60),
     (2, 0, 10, 80),
     (3, 0, T0, 30),
@@ -34,7 +34,7 @@ enum Future {
 
 /// Velocities are differentiated centrally, as for NGSIM, so that those stored know the next row.
 fn scene(future: Future) -> Recording {
-    let position = |(vehicle, _, first, _): Stretch, i: usize| {
+    let position = |(vehicle, _, first, _): Snippet, i: usize| {
         let frame = first + i as u32;
         if frame > T0 && matches!(future, Future::Scrambled) {
             // Another place every frame, and nowhere near the recorded one.
@@ -45,27 +45,27 @@ fn scene(future: Future) -> Recording {
         let lane = (vehicle % 3) as f32 * 3.5;
         [time * (9. + vehicle as f32) + 0.3 * time * time, lane + (time + vehicle as f32).sin()]
     };
-    let stretches = STRETCHES.iter().copied().filter_map(|(vehicle, segment, first, rows)| {
+    let snippets = STRETCHES.iter().copied().filter_map(|(vehicle, segment, first, rows)| {
         let until = if matches!(future, Future::Absent) { T0 + 1 } else { u32::MAX };
         let rows = rows.min(until.saturating_sub(first) as usize);
         (rows > 0).then_some((vehicle, segment, first, rows))
     });
-    let stretches: Vec<Stretch> = stretches.collect();
+    let snippets: Vec<Snippet> = snippets.collect();
     let there = |index: usize, frame: u32| {
-        let (_, _, first, rows) = stretches[index];
+        let (_, _, first, rows) = snippets[index];
         frame >= first && frame < first + rows as u32
     };
     // Every other vehicle takes a slot in turn; after the last observed frame the slots turn round.
     let neighbours = |index: usize, frame: u32| {
-        let mut slots = [NOBODY; SLOTS];
-        let others = (0..stretches.len()).filter(|other| *other != index && there(*other, frame));
+        let mut slots = [NO_TRACK; SLOTS];
+        let others = (0..snippets.len()).filter(|other| *other != index && there(*other, frame));
         let turn = if frame > T0 && matches!(future, Future::Scrambled) { 3 } else { 0 };
         for (slot, other) in others.enumerate() {
             slots[(slot + turn) % SLOTS] = other as u32;
         }
         slots
     };
-    from_positions(Dataset::Ngsim, "scene", "site", 10., &stretches, &position, &neighbours)
+    from_positions(Dataset::Ngsim, "scene", "site", 10., &snippets, &position, &neighbours)
 }
 
 fn observe(recording: &Recording) -> Observation<'_> {
@@ -77,8 +77,8 @@ fn observe(recording: &Recording) -> Observation<'_> {
 fn reachable(observation: Observation<'_>, depth: usize) -> Vec<u32> {
     let mut bits = Vec::new();
     let mut floats = |values: &[f32]| bits.extend(values.iter().map(|value| value.to_bits()));
-    let state = |state: State| [state.x, state.y, state.vx, state.vy];
-    for i in 0..=SHAPE.observed {
+    let state = |state: TrackState| [state.x, state.y, state.vx, state.vy];
+    for i in 0..=SHAPE.t_obs {
         floats(&state(observation.target(i)));
     }
     floats(&observation.origin());
@@ -92,7 +92,7 @@ fn reachable(observation: Observation<'_>, depth: usize) -> Vec<u32> {
         let mut bits = vec![neighbour.vehicle()];
         let values = neighbour.size().into_iter().chain(state(neighbour.now()));
         bits.extend(values.map(f32::to_bits));
-        for i in 0..=SHAPE.observed {
+        for i in 0..=SHAPE.t_obs {
             let state = neighbour.state(i).map(|s| state(s).map(f32::to_bits));
             bits.extend(state.unwrap_or([u32::MAX; 4]));
         }
@@ -133,9 +133,9 @@ fn the_last_velocity_looks_back_and_earlier_ones_both_ways() {
     let recording = scene(Future::Recorded);
     let observation = observe(&recording);
     let x = |frame: u32| recording.columns().x[recording.tracks()[0].row_at(frame).unwrap()];
-    let last = observation.target(SHAPE.observed - 1);
+    let last = observation.target(SHAPE.t_obs - 1);
     assert!((last.vx - (x(T0) - x(T0 - 1)) * 10.).abs() < 1e-3);
-    let before = observation.target(SHAPE.observed - 2);
+    let before = observation.target(SHAPE.t_obs - 2);
     assert!((before.vx - (x(T0 - 1) - x(T0 - 3)) * 5.).abs() < 1e-3);
 }
 
@@ -143,11 +143,11 @@ fn the_last_velocity_looks_back_and_earlier_ones_both_ways() {
 fn a_neighbour_that_has_just_appeared_is_given_the_targets_velocity() {
     let recording = scene(Future::Recorded);
     let observation = observe(&recording);
-    let target = observation.target(SHAPE.observed - 1);
+    let target = observation.target(SHAPE.t_obs - 1);
     let find = |vehicle| observation.others().find(|other| other.vehicle() == vehicle).unwrap();
     let newcomer = find(3);
     assert_eq!((newcomer.now().vx, newcomer.now().vy), (target.vx, target.vy));
-    assert_eq!(newcomer.state(SHAPE.observed - 2), None);
+    assert_eq!(newcomer.state(SHAPE.t_obs - 2), None);
     assert!(newcomer.observation().is_none(), "it has no past to be observed");
     // One row more, and the velocity is its own.
     assert!((find(4).now().vx - target.vx).abs() > 1.);
@@ -163,9 +163,9 @@ fn presence_follows_the_frames_a_neighbour_was_there() {
     assert_eq!(by_slot, vehicles);
     let present = |vehicle| {
         let neighbour = observation.others().find(|other| other.vehicle() == vehicle).unwrap();
-        (0..SHAPE.observed).map(|i| u8::from(neighbour.state(i).is_some())).collect::<Vec<u8>>()
+        (0..SHAPE.t_obs).map(|i| u8::from(neighbour.state(i).is_some())).collect::<Vec<u8>>()
     };
-    // Observed frames are 28, 30, .., 40; the second stretch of vehicle 7 starts in frame 37.
+    // Observed frames are 28, 30, .., 40; the second snippet of vehicle 7 starts in frame 37.
     assert_eq!(present(2), [1, 1, 1, 1, 1, 1, 1]);
     assert_eq!(present(7), [0, 0, 0, 0, 0, 1, 1]);
     assert_eq!(present(4), [0, 0, 0, 0, 0, 0, 1]);

@@ -7,8 +7,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use gnp_data::{
-    Dataset, Expectation, LineKind, Observation, Recording, SLOTS, Slot, State, Window, WindowConfig, WindowSet,
-    discover, read,
+    Dataset, Expectation, MarkingKind, Observation, Recording, SLOTS, Slot, TrackState, Window, WindowConfig,
+    WindowSet, discover, read,
 };
 
 /// Frames of the scene; all vehicles are there from the first to the last, numbered from 1.
@@ -241,7 +241,7 @@ fn assert_golden(recordings: &[Recording], rate: f64, layout: Layout) {
             let [x, y] = vehicle.at(now + frames / rate);
             [x - origin[0], side * (y - origin[1]), vehicle.velocity[0], side * vehicle.velocity[1]]
         };
-        let near = |state: State, wanted: [f64; 4], what: &str| {
+        let near = |state: TrackState, wanted: [f64; 4], what: &str| {
             let found = [state.x, state.y, state.vx, state.vy].map(f64::from);
             // A tenth of a millimetre is written; differentiating it at 10 Hz leaves 2 mm/s.
             let far = found.iter().zip(wanted).zip([2e-3, 2e-3, 8e-3, 8e-3]).any(|((a, b), eps)| (a - b).abs() > eps);
@@ -281,7 +281,7 @@ fn assert_lines(recording: &Recording, side: f64) {
     assert_eq!(lines.len(), 4);
     for (i, (line, wanted)) in lines.iter().zip(wanted).enumerate() {
         assert!((f64::from(line.y) - wanted).abs() < 6e-3, "line {i}: {} instead of {wanted}", line.y);
-        assert_eq!(line.kind == LineKind::Boundary, i == 0 || i == 3);
+        assert_eq!(line.kind == MarkingKind::Boundary, i == 0 || i == 3);
     }
 }
 
@@ -314,8 +314,8 @@ fn feet_and_front_centres_give_the_same_windows_as_metres_and_corners() {
 
 /// Every value but the lane lines, which for NGSIM are fitted to the whole file, to the bit.
 fn reachable(observation: Observation<'_>) -> Vec<u32> {
-    let state = |s: State| [s.x, s.y, s.vx, s.vy].map(f32::to_bits);
-    let frames = observation.shape().observed;
+    let state = |s: TrackState| [s.x, s.y, s.vx, s.vy].map(f32::to_bits);
+    let frames = observation.shape().t_obs;
     let mut bits: Vec<u32> = (0..frames).flat_map(|i| state(observation.target(i))).collect();
     bits.extend(observation.origin().map(f32::to_bits));
     bits.extend(observation.size().map(f32::to_bits));

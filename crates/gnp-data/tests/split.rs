@@ -4,24 +4,26 @@ mod scene;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use gnp_data::{DataError, Overlap, Part, Recording, Split, SplitConfig, SplitKind, WindowConfig, WindowId, WindowSet};
+use gnp_data::{
+    DataError, Overlap, Recording, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowId, WindowSet,
+};
 use scene::{recording, short_windows};
 
 fn config(kind: SplitKind, seed: u64) -> SplitConfig {
     SplitConfig { kind, sites: BTreeMap::new(), train: 0.7, validation: 0.1, test: 0.2, seed, folds: 1, fold: 1 }
 }
 
-/// Seventeen recordings of unequal size; every third vehicle has two stretches.
+/// Seventeen recordings of unequal size; every third vehicle has two snippets.
 fn scenes(site: &str) -> Vec<Recording> {
     let scene = |r: u32| {
-        let mut stretches = Vec::new();
+        let mut snippets = Vec::new();
         for vehicle in 1..=10 + 3 * (r % 5) {
-            stretches.push((vehicle, 0, vehicle, 30 + (vehicle as usize * 7) % 40));
+            snippets.push((vehicle, 0, vehicle, 30 + (vehicle as usize * 7) % 40));
             if vehicle % 3 == 0 {
-                stretches.push((vehicle, 1, 200 + vehicle, 25));
+                snippets.push((vehicle, 1, 200 + vehicle, 25));
             }
         }
-        recording(&format!("{site}-{r}"), site, 10., &stretches)
+        recording(&format!("{site}-{r}"), site, 10., &snippets)
     };
     (0..17).map(scene).collect()
 }
@@ -32,7 +34,7 @@ fn long(name: &str, site: &str, vehicles: u32) -> Recording {
 }
 
 fn all(split: &Split) -> Vec<WindowId> {
-    let mut ids: Vec<WindowId> = Part::ALL.iter().flat_map(|part| split.part(*part)).copied().collect();
+    let mut ids: Vec<WindowId> = Subset::ALL.iter().flat_map(|part| split.subset(*part)).copied().collect();
     ids.sort_unstable();
     ids
 }
@@ -45,10 +47,10 @@ fn every_window_is_in_one_part_or_counted_as_straddling() {
         let split = Split::new(&set, &config(kind, 5), &[]).unwrap();
         let ids = all(&split);
         let distinct = BTreeSet::from_iter(ids.iter().copied());
-        let straddling: usize = split.straddling().values().sum();
+        let dropped_at_boundary: usize = split.dropped_at_boundary().values().sum();
         assert_eq!(distinct.len(), ids.len(), "{kind:?}");
-        assert_eq!(ids.len() + straddling, set.len(), "{kind:?}");
-        assert_eq!(straddling > 0, kind == SplitKind::Time, "{kind:?}");
+        assert_eq!(ids.len() + dropped_at_boundary, set.len(), "{kind:?}");
+        assert_eq!(dropped_at_boundary > 0, kind == SplitKind::Time, "{kind:?}");
         assert_eq!(split.leaks(), kind == SplitKind::Window, "{kind:?}");
         assert_eq!(split.seed(), 5);
     }
@@ -80,12 +82,12 @@ fn the_hash_is_of_a_stated_text() {
 
 #[test]
 fn by_vehicle_a_hundred_are_parted_70_10_20_and_stretches_stay_together() {
-    let stretches: Vec<_> = (1..=100).flat_map(|v| [(v, 0, 0, 20), (v, 1, 30, 30)]).collect();
-    let recordings = [recording("a", "s", 10., &stretches)];
+    let snippets: Vec<_> = (1..=100).flat_map(|v| [(v, 0, 0, 20), (v, 1, 30, 30)]).collect();
+    let recordings = [recording("a", "s", 10., &snippets)];
     let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
     let split = Split::new(&set, &config(SplitKind::Vehicle, 11), &[]).unwrap();
-    let vehicles = Part::ALL
-        .map(|part| BTreeSet::from_iter(split.part(part).iter().map(|id| set.get(*id).unwrap().key().vehicle)));
+    let vehicles = Subset::ALL
+        .map(|part| BTreeSet::from_iter(split.subset(part).iter().map(|id| set.get(*id).unwrap().key().vehicle)));
     assert_eq!(vehicles.each_ref().map(BTreeSet::len), [70, 10, 20]);
     assert!(vehicles[0].is_disjoint(&vehicles[1]) && vehicles[0].is_disjoint(&vehicles[2]));
     assert!(vehicles[1].is_disjoint(&vehicles[2]));
@@ -102,8 +104,8 @@ fn a_vehicle_number_of_one_recording_says_nothing_about_another() {
     let kept: Vec<WindowId> = split.test().iter().copied().filter(|id| id.recording < 16).collect();
     assert_eq!(kept, smaller.test());
     // Few vehicles a recording, yet the shares hold over all of them.
-    let share = |part| split.part(part).len() as f64 / set.len() as f64;
-    assert!((share(Part::Train) - 0.7).abs() < 0.05 && (share(Part::Validation) - 0.1).abs() < 0.04);
+    let share = |part| split.subset(part).len() as f64 / set.len() as f64;
+    assert!((share(Subset::Train) - 0.7).abs() < 0.05 && (share(Subset::Validation) - 0.1).abs() < 0.04);
 }
 
 #[test]
@@ -112,10 +114,10 @@ fn by_recording_recordings_stay_whole_and_shares_come_near() {
     let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
     for seed in 0..20 {
         let split = Split::new(&set, &config(SplitKind::Recording, seed), &[]).unwrap();
-        let recordings = Part::ALL.map(|part| BTreeSet::from_iter(split.part(part).iter().map(|id| id.recording)));
+        let recordings = Subset::ALL.map(|part| BTreeSet::from_iter(split.subset(part).iter().map(|id| id.recording)));
         assert_eq!(recordings.iter().map(BTreeSet::len).sum::<usize>(), 17);
-        for (part, share) in Part::ALL.into_iter().zip([0.7, 0.1, 0.2]) {
-            let got = split.part(part).len() as f64 / set.len() as f64;
+        for (part, share) in Subset::ALL.into_iter().zip([0.7, 0.1, 0.2]) {
+            let got = split.subset(part).len() as f64 / set.len() as f64;
             assert!((got - share).abs() < 0.02, "seed {seed}, {part:?}: {got}");
         }
     }
@@ -139,12 +141,12 @@ fn by_time_parts_follow_one_another_without_a_shared_frame() {
     let recordings = [long("a", "s", 3)];
     let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
     let split = Split::new(&set, &config(SplitKind::Time, 0), &[]).unwrap();
-    let t0 = |part| split.part(part).iter().map(|id| set.get(*id).unwrap().key().t0);
+    let t0 = |part| split.subset(part).iter().map(|id| set.get(*id).unwrap().key().t0);
     // Stretches 0..280, 280..320, 320..400; a window takes 3 frames before t0 and 5 after.
-    assert_eq!(t0(Part::Train).max(), Some(273));
-    assert_eq!((t0(Part::Validation).min(), t0(Part::Validation).max()), (Some(283), Some(313)));
-    assert_eq!(t0(Part::Test).min(), Some(323));
-    assert_eq!(split.straddling()["a"], 3 * (4 + 4), "t0 from 275 to 281, and from 315 to 321");
+    assert_eq!(t0(Subset::Train).max(), Some(273));
+    assert_eq!((t0(Subset::Validation).min(), t0(Subset::Validation).max()), (Some(283), Some(313)));
+    assert_eq!(t0(Subset::Test).min(), Some(323));
+    assert_eq!(split.dropped_at_boundary()["a"], 3 * (4 + 4), "t0 from 275 to 281, and from 315 to 321");
 }
 
 #[test]
@@ -154,8 +156,8 @@ fn sites_may_be_parted_in_different_ways() {
     let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
     let sites = BTreeMap::from([("i-80".to_owned(), SplitKind::Vehicle)]);
     let split = Split::new(&set, &SplitConfig { sites, ..config(SplitKind::Recording, 8) }, &[]).unwrap();
-    for part in Part::ALL {
-        let sites = BTreeSet::from_iter(split.part(part).iter().map(|id| set.get(*id).unwrap().observation().site()));
+    for part in Subset::ALL {
+        let sites = BTreeSet::from_iter(split.subset(part).iter().map(|id| set.get(*id).unwrap().observation().site()));
         assert_eq!(sites, BTreeSet::from(["i-80", "us-101"]), "{part:?}");
     }
     assert_eq!(split.kinds()["i-80"], SplitKind::Vehicle);
@@ -316,7 +318,7 @@ fn recordings_that_show_the_same_vehicles_stay_together() {
     let mut parted = 0;
     for seed in 0..20 {
         let part_of = |split: &Split, recording: u32| {
-            Part::ALL.into_iter().find(|part| split.part(*part).iter().any(|id| id.recording == recording)).unwrap()
+            Subset::ALL.into_iter().find(|part| split.subset(*part).iter().any(|id| id.recording == recording)).unwrap()
         };
         let split = Split::new(&set, &config(SplitKind::Recording, seed), &overlaps).unwrap();
         assert_eq!(part_of(&split, 2), part_of(&split, 9));

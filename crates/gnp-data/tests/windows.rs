@@ -15,7 +15,7 @@ fn starts_in_the_first_row_and_then_every_stride() {
     let total = drops.total();
     assert_eq!((total.candidates, total.windows, total.past_track_end), (10, 6, 4));
     let shape = set.shape();
-    assert_eq!((shape.observed, shape.predicted, shape.step), (4, 5, 1));
+    assert_eq!((shape.t_obs, shape.t_pred, shape.step), (4, 5, 1));
 }
 
 #[test]
@@ -103,9 +103,9 @@ fn the_published_lengths_are_31_and_76_observed_frames() {
     let ngsim = config(10., 1.).shape_for(10.).unwrap();
     let highd = config(25., 1.).shape_for(25.).unwrap();
     let thinned = config(5., 1.).shape_for(25.).unwrap();
-    assert_eq!((ngsim.observed, ngsim.predicted, ngsim.step, ngsim.span()), (31, 50, 1, 81));
-    assert_eq!((highd.observed, highd.predicted, highd.step, highd.span()), (76, 125, 1, 201));
-    assert_eq!((thinned.observed, thinned.predicted, thinned.step, thinned.span()), (16, 25, 5, 201));
+    assert_eq!((ngsim.t_obs, ngsim.t_pred, ngsim.step, ngsim.span()), (31, 50, 1, 81));
+    assert_eq!((highd.t_obs, highd.t_pred, highd.step, highd.span()), (76, 125, 1, 201));
+    assert_eq!((thinned.t_obs, thinned.t_pred, thinned.step, thinned.span()), (16, 25, 5, 201));
 }
 
 #[test]
@@ -139,12 +139,12 @@ fn wrong_configurations_name_the_key_and_the_remedy() {
     let good = short_windows();
     let stride = message(WindowConfig { stride_s: 0.25, ..good.clone() });
     assert!(stride.contains("stride_s") && stride.contains("0.2000 or 0.3000"), "{stride}");
-    let observed = message(WindowConfig { observed_s: 0.33, ..good.clone() });
-    assert!(observed.contains("observed_s"), "{observed}");
+    let t_obs = message(WindowConfig { observed_s: 0.33, ..good.clone() });
+    assert!(t_obs.contains("observed_s"), "{t_obs}");
     let rate = message(WindowConfig { rate_hz: f64::NAN, ..good.clone() });
     assert!(rate.contains("rate_hz") && rate.contains("positive"), "{rate}");
-    let predicted = message(WindowConfig { predicted_s: 1e300, ..good.clone() });
-    assert!(predicted.contains("predicted_s"), "{predicted}");
+    let t_pred = message(WindowConfig { predicted_s: 1e300, ..good.clone() });
+    assert!(t_pred.contains("predicted_s"), "{t_pred}");
     let long = message(WindowConfig { predicted_s: 30., ..good });
     assert!(long.contains("30.3 s") && long.contains("5.9 s"), "{long}");
 }
@@ -181,8 +181,8 @@ fn out_of_range_frames_give_nothing() {
     let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20), (8, 0, 100, 20)])];
     let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
     let window = set.iter().next().unwrap();
-    assert_eq!(window.observation().target(4), gnp_data::State::default());
-    assert_eq!(window.truth().target(5), gnp_data::State::default());
+    assert_eq!(window.observation().target(4), gnp_data::TrackState::default());
+    assert_eq!(window.truth().target(5), gnp_data::TrackState::default());
     assert_eq!(window.truth().lane(5), 0);
     assert_eq!(window.truth().others(5).count(), 0);
 }
@@ -190,17 +190,17 @@ fn out_of_range_frames_give_nothing() {
 #[test]
 fn a_shape_without_frames_has_no_windows() {
     let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20)])];
-    let shape = WindowShape { observed: 4, predicted: 5, step: 1, rate_hz: 10. };
+    let shape = WindowShape { t_obs: 4, t_pred: 5, step: 1, rate_hz: 10. };
     let view = |shape| gnp_data::Window::new(&recordings[0], shape, 0, 5);
     assert!(view(shape).is_some());
-    assert!(view(WindowShape { observed: 0, ..shape }).is_none());
-    assert!(view(WindowShape { predicted: 0, ..shape }).is_none());
+    assert!(view(WindowShape { t_obs: 0, ..shape }).is_none());
+    assert!(view(WindowShape { t_pred: 0, ..shape }).is_none());
     assert!(view(WindowShape { step: 0, ..shape }).is_none());
 }
 
 #[test]
 fn shapes_survive_json() {
-    let shape = WindowShape { observed: 31, predicted: 50, step: 2, rate_hz: 12.5 };
+    let shape = WindowShape { t_obs: 31, t_pred: 50, step: 2, rate_hz: 12.5 };
     let text = serde_json::to_string(&shape).unwrap();
     assert_eq!(serde_json::from_str::<WindowShape>(&text).unwrap(), shape);
     assert!(serde_json::from_str::<WindowShape>(r#"{"observed":1,"predicted":1,"step":1,"rate_hz":1,"x":0}"#).is_err());

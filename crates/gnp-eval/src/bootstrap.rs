@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::EvalError;
 use crate::metric::{Direction, MetricKind};
-use crate::sums::{Pool, Sums};
+use crate::sums::{MetricSums, Pool};
 
 /// How many resamples, and the seed. Resample `i` is the same for every metric and model scored on
 /// the same vehicles, and on any number of threads.
@@ -81,7 +81,7 @@ impl Bootstrap {
     }
 
     /// An interval for each metric; `None` with fewer than two contributing vehicles.
-    pub(crate) fn intervals(&self, sums: &Sums, kinds: &[MetricKind]) -> Vec<Option<Interval>> {
+    pub(crate) fn intervals(&self, sums: &MetricSums, kinds: &[MetricKind]) -> Vec<Option<Interval>> {
         let values = self.resample(sums.vehicles().len(), |times| {
             let mut pools = vec![Pool::default(); kinds.len()];
             for (row, times) in sums.rows().zip(times).filter(|(_, times)| **times > 0.) {
@@ -100,7 +100,13 @@ impl Bootstrap {
 
     /// The difference of the metric at `index` between two models; both sums must be of the same
     /// vehicles. `None` where no window contributed.
-    pub(crate) fn difference(&self, a: &Sums, b: &Sums, index: usize, kind: MetricKind) -> Option<Difference> {
+    pub(crate) fn difference(
+        &self,
+        a: &MetricSums,
+        b: &MetricSums,
+        index: usize,
+        kind: MetricKind,
+    ) -> Option<Difference> {
         let value = a.value(index, kind)? - b.value(index, kind)?;
         let resampled: Vec<f64> = self
             .resample(a.vehicles().len(), |times| {
@@ -161,7 +167,7 @@ mod tests {
 
     /// `vehicles` vehicles with `windows` windows each; every window of vehicle `i` contributes
     /// `of(i)`.
-    fn sums(vehicles: u32, windows: usize, of: impl Fn(u32) -> f64) -> Sums {
+    fn sums(vehicles: u32, windows: usize, of: impl Fn(u32) -> f64) -> MetricSums {
         let mut gatherer = Gatherer::new(1);
         for vehicle in 0..vehicles {
             for _ in 0..windows {

@@ -23,18 +23,18 @@ impl Reference {
     #[must_use]
     pub fn of(window: &Window<'_>) -> Self {
         let (seen, truth) = (window.observation(), window.truth());
-        let predicted = seen.shape().predicted;
-        let now = seen.target(seen.shape().observed.saturating_sub(1));
+        let t_pred = seen.shape().t_pred;
+        let now = seen.target(seen.shape().t_obs.saturating_sub(1));
         let lateral = || seen.lines().map(|line| line.y);
         let (right, left) = (lateral().fold(f32::INFINITY, f32::min), lateral().fold(f32::NEG_INFINITY, f32::max));
         let footprints = |j| truth.others(j).map(|(state, size)| Footprint::along_road([state.x, state.y], size));
         Self {
-            path: (0..predicted).map(|j| truth.target(j)).map(|state| [state.x, state.y]).collect(),
+            path: (0..t_pred).map(|j| truth.target(j)).map(|state| [state.x, state.y]).collect(),
             rate_hz: seen.shape().rate_hz,
             speed: f64::from(now.vx).hypot(f64::from(now.vy)),
             size: seen.size(),
             edges: (right < left).then_some([right, left]),
-            others: (0..predicted).map(|j| footprints(j).collect()).collect(),
+            others: (0..t_pred).map(|j| footprints(j).collect()).collect(),
         }
     }
 
@@ -94,11 +94,11 @@ impl Reference {
 }
 
 /// Number of frames up to `horizon_s`, if one of the `predicted` frames lies at that time.
-pub(crate) fn frames_to(horizon_s: f64, rate_hz: f64, predicted: usize) -> Result<usize, EvalError> {
+pub(crate) fn frames_to(horizon_s: f64, rate_hz: f64, t_pred: usize) -> Result<usize, EvalError> {
     let exact = horizon_s * rate_hz;
     let frames = exact.round();
-    let fits = frames >= 1. && frames <= predicted as f64 && (exact - frames).abs() < 1e-6;
-    if fits { Ok(frames as usize) } else { Err(EvalError::Horizon { horizon_s, rate_hz, predicted }) }
+    let fits = frames >= 1. && frames <= t_pred as f64 && (exact - frames).abs() < 1e-6;
+    if fits { Ok(frames as usize) } else { Err(EvalError::Horizon { horizon_s, rate_hz, t_pred }) }
 }
 
 /// Whole seconds up to the horizon at which the windows have a predicted frame: 1, 2, 3, 4, 5 at
@@ -107,25 +107,25 @@ pub(crate) fn frames_to(horizon_s: f64, rate_hz: f64, predicted: usize) -> Resul
 /// # Errors
 /// When there is none.
 pub(crate) fn whole_seconds(shape: &WindowShape) -> Result<Vec<f64>, EvalError> {
-    let last = (shape.predicted as f64 / shape.rate_hz + 1e-6).floor() as u32;
-    let on_frame = |second: &f64| frames_to(*second, shape.rate_hz, shape.predicted).is_ok();
+    let last = (shape.t_pred as f64 / shape.rate_hz + 1e-6).floor() as u32;
+    let on_frame = |second: &f64| frames_to(*second, shape.rate_hz, shape.t_pred).is_ok();
     let seconds: Vec<f64> = (1..=last).map(f64::from).filter(on_frame).collect();
     if seconds.is_empty() {
-        return Err(EvalError::Horizon { horizon_s: 1., rate_hz: shape.rate_hz, predicted: shape.predicted });
+        return Err(EvalError::Horizon { horizon_s: 1., rate_hz: shape.rate_hz, t_pred: shape.t_pred });
     }
     Ok(seconds)
 }
 
 /// A forecast held against what happened: the squared displacement of every mode in every frame.
 #[derive(Clone, Debug)]
-pub struct Case<'a> {
+pub struct ScoredWindow<'a> {
     reference: &'a Reference,
     modes: &'a [Mode],
     /// `[modes, frames]`, m².
     squared: Vec<f64>,
 }
 
-impl<'a> Case<'a> {
+impl<'a> ScoredWindow<'a> {
     /// Holds a forecast that was asked for at most `asked` modes against what happened.
     ///
     /// # Errors
@@ -210,8 +210,8 @@ mod tests {
             (12.5, 62, vec![2., 4.]),
             (25. / 3., 41, vec![3.]),
         ];
-        for (rate_hz, predicted, seconds) in cases {
-            let shape = WindowShape { observed: 7, predicted, step: 1, rate_hz };
+        for (rate_hz, t_pred, seconds) in cases {
+            let shape = WindowShape { t_obs: 7, t_pred, step: 1, rate_hz };
             assert_eq!(whole_seconds(&shape).unwrap(), seconds, "{rate_hz} Hz");
         }
         assert_eq!(frames_to(3., 25. / 3., 41).unwrap(), 25);
@@ -221,15 +221,15 @@ mod tests {
 
     #[test]
     fn a_horizon_below_one_second_is_refused() {
-        let shape = WindowShape { observed: 7, predicted: 9, step: 1, rate_hz: 10. };
-        assert!(matches!(whole_seconds(&shape), Err(EvalError::Horizon { predicted: 9, .. })));
+        let shape = WindowShape { t_obs: 7, t_pred: 9, step: 1, rate_hz: 10. };
+        assert!(matches!(whole_seconds(&shape), Err(EvalError::Horizon { t_pred: 9, .. })));
     }
 
     #[test]
     fn what_cannot_be_scored_is_named() {
         let reference = Reference::from_path(vec![[1., 0.], [2., 0.]], 2.);
         let path = [[1., 0.], [2., 0.]];
-        let problem = |modes: Vec<Mode>| Case::new(&reference, &Forecast { modes }, 2).err();
+        let problem = |modes: Vec<Mode>| ScoredWindow::new(&reference, &Forecast { modes }, 2).err();
         assert_eq!(problem(vec![mode(1., &path)]), None);
         assert_eq!(problem(vec![]), Some(ForecastProblem::NoModes));
         let three = vec![mode(0.4, &path), mode(0.3, &path), mode(0.3, &path)];

@@ -84,7 +84,7 @@ pub struct Comparison {
     /// Whether any recording that was scored is simulated.
     pub simulated: bool,
     /// Whether one of the two is handed recorded futures.
-    pub future_input: bool,
+    pub uses_future: bool,
 }
 
 impl Evaluation {
@@ -142,7 +142,7 @@ impl Evaluation {
                 windows,
                 vehicles,
                 simulated: self.setting().simulated,
-                future_input: own.future_input || other.future_input,
+                uses_future: own.uses_future || other.uses_future,
             });
         }
         Ok(())

@@ -19,7 +19,7 @@ pub enum EvalError {
     },
     /// A metric was asked for at a time at which the windows have no frame.
     #[error(
-        "no predicted frame at {horizon_s} s: windows have {predicted} frames at {rate_hz} Hz; \
+        "no predicted frame at {horizon_s} s: windows have {t_pred} frames at {rate_hz} Hz; \
          take a rate with whole frames a second and a horizon of at least 1 s"
     )]
     Horizon {
@@ -28,7 +28,7 @@ pub enum EvalError {
         /// Rate of the windows, Hz.
         rate_hz: f64,
         /// Predicted frames of the windows.
-        predicted: usize,
+        t_pred: usize,
     },
     /// A key of the configuration has a value that cannot be used.
     #[error("evaluation: `{key}` {problem}")]

@@ -3,26 +3,26 @@
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
-use gnp_data::{Dataset, Forecast, InformedPredictor, Observation, Part, Predictor, Window, WindowId, WindowSet};
+use gnp_data::{Dataset, Forecast, Observation, OraclePredictor, Predictor, Subset, Window, WindowId, WindowSet};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::bootstrap::{Bootstrap, Difference};
-use crate::case::{Case, Reference};
+use crate::case::{Reference, ScoredWindow};
 use crate::error::EvalError;
 use crate::manoeuvre::Manoeuvre;
 use crate::metric::Metric;
 use crate::protocol::Protocol;
 use crate::score::{ALL_SITES, Score};
-use crate::sums::{Gatherer, Sums};
+use crate::sums::{Gatherer, MetricSums};
 
 /// How to evaluate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvalConfig {
-    /// Part of the split whose windows are scored: the test part, or the validation part as long as
+    /// Subset of the split whose windows are scored: the test part, or the validation part as long as
     /// settings are being compared. [`evaluate`] takes the windows it is given.
-    pub part: Part,
+    pub part: Subset,
     /// Protocols to score under.
     pub protocols: Vec<Protocol>,
     /// Windows handed to a model at a time, at least; a batch ends with the vehicles of an instant
@@ -54,27 +54,27 @@ impl EvalConfig {
 
 /// A model to score.
 #[derive(Clone, Copy)]
-pub enum Entrant<'a> {
+pub enum EvaluatedModel<'a> {
     /// Sees the past alone.
     Predictor(&'a dyn Predictor),
     /// Is handed recorded futures: refused under `clean`, marked everywhere else.
-    Informed(&'a dyn InformedPredictor),
+    Oracle(&'a dyn OraclePredictor),
 }
 
-impl Entrant<'_> {
+impl EvaluatedModel<'_> {
     /// Name in tables.
     #[must_use]
     pub fn name(&self) -> &str {
         match self {
             Self::Predictor(model) => model.name(),
-            Self::Informed(model) => model.name(),
+            Self::Oracle(model) => model.name(),
         }
     }
 
     /// Whether it is handed recorded futures.
     #[must_use]
-    pub fn future_input(&self) -> bool {
-        matches!(self, Self::Informed(_))
+    pub fn uses_future(&self) -> bool {
+        matches!(self, Self::Oracle(_))
     }
 
     fn predict(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, EvalError> {
@@ -84,7 +84,7 @@ impl Entrant<'_> {
                 let seen: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
                 model.predict(&seen, k)
             }
-            Self::Informed(model) => model.predict_informed(windows, k),
+            Self::Oracle(model) => model.predict_with_future(windows, k),
         };
         let forecasts = forecasts.map_err(|source| EvalError::Predict { first: first.key(), source })?;
         if forecasts.len() != windows.len() {
@@ -125,7 +125,7 @@ pub struct Setting {
     pub windows: usize,
 }
 
-/// Sums of every metric by model, protocol, site and vehicle.
+/// MetricSums of every metric by model, protocol, site and vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
     setting: Setting,
@@ -138,55 +138,55 @@ pub struct Evaluation {
 pub(crate) struct Sheet {
     pub(crate) model: String,
     pub(crate) protocol: Protocol,
-    pub(crate) future_input: bool,
+    pub(crate) uses_future: bool,
     /// By site, [`ALL_SITES`] among them.
-    pub(crate) sums: BTreeMap<String, Sums>,
+    pub(crate) sums: BTreeMap<String, MetricSums>,
     /// Of all sites by manoeuvre; empty where the protocol has none.
-    manoeuvres: BTreeMap<Manoeuvre, Sums>,
+    manoeuvres: BTreeMap<Manoeuvre, MetricSums>,
 }
 
-/// Scores every entrant on the windows `ids` of `set` under every protocol of `config`.
+/// Scores every model on the windows `ids` of `set` under every protocol of `config`.
 ///
 /// Models are asked one after the other, windows ordered by recording, instant and vehicle. What a
 /// window adds is kept as sums by vehicle: memory does not grow with the number of windows. `watch`
 /// sees every answer; an error from it, such as [`EvalError::Stopped`], ends the evaluation.
 ///
 /// # Errors
-/// When the configuration cannot be used, there is no window, two entrants share a name, an informed
-/// entrant meets a protocol that allows no future input, a model fails or gives a forecast that
+/// When the configuration cannot be used, there is no window, two models share a name, an informed
+/// model meets a protocol that allows no future input, a model fails or gives a forecast that
 /// cannot be scored (the window is named), or `watch` says so.
 pub fn evaluate(
     set: &WindowSet<'_>,
     ids: &[WindowId],
-    entrants: &[Entrant<'_>],
+    models: &[EvaluatedModel<'_>],
     config: &EvalConfig,
     watch: &mut dyn FnMut(&Batch<'_>) -> Result<(), EvalError>,
 ) -> Result<Evaluation, EvalError> {
     config.check()?;
-    admit(entrants, &config.protocols)?;
+    admit(models, &config.protocols)?;
     let ids = in_order(set, ids)?;
     let setting = setting(set, &ids)?;
     let metrics: BTreeMap<Protocol, Vec<Metric>> =
         config.protocols.iter().map(|p| Ok((*p, p.metrics(&set.shape())?))).collect::<Result<_, EvalError>>()?;
     let asks: BTreeSet<usize> = metrics.keys().flat_map(|protocol| protocol.asks().iter().copied()).collect();
-    let total = ids.len() * asks.len() * entrants.len();
+    let total = ids.len() * asks.len() * models.len();
     let mut done = 0;
     let mut sheets = Vec::new();
-    for entrant in entrants {
+    for model in models {
         let mut gathered: Vec<Gathered<'_>> = vec![Gathered::default(); metrics.len()];
         for batch in batches(set, &ids, config.batch) {
             let windows: Vec<Window<'_>> = batch.iter().filter_map(|id| set.get(*id)).collect();
             let mut answers = BTreeMap::new();
             for asked in &asks {
-                let forecasts = entrant.predict(&windows, *asked)?;
+                let forecasts = model.predict(&windows, *asked)?;
                 done += windows.len();
-                let (model, windows) = (entrant.name(), &windows[..]);
+                let (model, windows) = (model.name(), &windows[..]);
                 watch(&Batch { model, asked: *asked, windows, forecasts: &forecasts, done, total })?;
                 answers.insert(*asked, forecasts);
             }
             let contributions: Vec<Vec<Vec<Option<f64>>>> = (0..windows.len())
                 .into_par_iter()
-                .map(|i| contributions(entrant.name(), &windows[i], i, &answers, &metrics))
+                .map(|i| contributions(model.name(), &windows[i], i, &answers, &metrics))
                 .collect::<Result<_, _>>()?;
             for ((id, window), by_protocol) in batch.iter().zip(&windows).zip(&contributions) {
                 let Some(recording) = set.recording(*id) else { continue };
@@ -204,7 +204,7 @@ pub fn evaluate(
             }
         }
         for (protocol, gathered) in metrics.keys().zip(gathered) {
-            sheets.push(Sheet::new(entrant, *protocol, gathered));
+            sheets.push(Sheet::new(model, *protocol, gathered));
         }
     }
     Ok(Evaluation { setting, metrics, sheets })
@@ -218,13 +218,13 @@ struct Gathered<'a> {
 }
 
 impl Sheet {
-    fn new(entrant: &Entrant<'_>, protocol: Protocol, gathered: Gathered<'_>) -> Self {
-        let mut sums: BTreeMap<String, Sums> =
+    fn new(model: &EvaluatedModel<'_>, protocol: Protocol, gathered: Gathered<'_>) -> Self {
+        let mut sums: BTreeMap<String, MetricSums> =
             gathered.sites.into_iter().map(|(site, gatherer)| (site.to_owned(), gatherer.finish())).collect();
-        let all = Sums::concatenated(sums.values());
+        let all = MetricSums::concatenated(sums.values());
         sums.insert(ALL_SITES.to_owned(), all);
         let manoeuvres = gathered.manoeuvres.into_iter().map(|(key, gatherer)| (key, gatherer.finish())).collect();
-        Self { model: entrant.name().to_owned(), protocol, future_input: entrant.future_input(), sums, manoeuvres }
+        Self { model: model.name().to_owned(), protocol, uses_future: model.uses_future(), sums, manoeuvres }
     }
 }
 
@@ -265,7 +265,7 @@ impl Evaluation {
         if self.metrics != other.metrics {
             return Err(refuse("protocols"));
         }
-        let key = |sheet: &Sheet| (sheet.model.clone(), sheet.protocol, sheet.future_input);
+        let key = |sheet: &Sheet| (sheet.model.clone(), sheet.protocol, sheet.uses_future);
         if self.sheets.iter().map(key).ne(other.sheets.iter().map(key)) {
             return Err(refuse("models"));
         }
@@ -304,7 +304,7 @@ impl Evaluation {
         &self,
         sheet: &Sheet,
         (site, manoeuvre): (&str, Option<Manoeuvre>),
-        sums: &Sums,
+        sums: &MetricSums,
         bootstrap: &Bootstrap,
         scores: &mut Vec<Score>,
     ) {
@@ -329,7 +329,7 @@ impl Evaluation {
                 windows,
                 vehicles,
                 simulated: self.setting.simulated,
-                future_input: sheet.future_input,
+                uses_future: sheet.uses_future,
             });
         }
     }
@@ -363,7 +363,7 @@ impl Evaluation {
         let (Some(sums_a), Some(sums_b)) = (sums(a), sums(b)) else {
             return Err(unpaired("one of the models or the site was not scored"));
         };
-        let windows = |sums: &Sums| sums.rows().map(|row| row[index].windows).collect::<Vec<_>>();
+        let windows = |sums: &MetricSums| sums.rows().map(|row| row[index].windows).collect::<Vec<_>>();
         if sums_a.vehicles() != sums_b.vehicles() || windows(sums_a) != windows(sums_b) {
             return Err(unpaired("they were not scored on the same windows"));
         }
@@ -373,7 +373,7 @@ impl Evaluation {
     }
 }
 
-fn merge<K: Ord>(own: &mut BTreeMap<K, Sums>, more: BTreeMap<K, Sums>) {
+fn merge<K: Ord>(own: &mut BTreeMap<K, MetricSums>, more: BTreeMap<K, MetricSums>) {
     for (key, sums) in more {
         match own.entry(key) {
             Entry::Vacant(place) => drop(place.insert(sums)),
@@ -385,11 +385,11 @@ fn merge<K: Ord>(own: &mut BTreeMap<K, Sums>, more: BTreeMap<K, Sums>) {
     }
 }
 
-fn admit(entrants: &[Entrant<'_>], protocols: &[Protocol]) -> Result<(), EvalError> {
+fn admit(models: &[EvaluatedModel<'_>], protocols: &[Protocol]) -> Result<(), EvalError> {
     let mut names = BTreeSet::new();
-    for entrant in entrants {
-        let model = entrant.name().to_owned();
-        let refusing = protocols.iter().find(|protocol| entrant.future_input() && !protocol.allows_future_input());
+    for model in models {
+        let model = model.name().to_owned();
+        let refusing = protocols.iter().find(|protocol| model.uses_future() && !protocol.allows_future());
         if let Some(protocol) = refusing {
             return Err(EvalError::FutureInput { model, protocol: protocol.name() });
         }
@@ -449,7 +449,7 @@ fn contributions(
     let reference = Reference::of(window);
     let mut cases = BTreeMap::new();
     for (asked, forecasts) in answers {
-        let case = Case::new(&reference, &forecasts[i], *asked).map_err(|problem| EvalError::Forecast {
+        let case = ScoredWindow::new(&reference, &forecasts[i], *asked).map_err(|problem| EvalError::Forecast {
             model: model.to_owned(),
             window: window.key(),
             problem,

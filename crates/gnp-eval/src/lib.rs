@@ -24,10 +24,10 @@ mod sums;
 mod table;
 
 pub use crate::bootstrap::{Bootstrap, Difference, Interval};
-pub use crate::case::{Case, Reference};
+pub use crate::case::{Reference, ScoredWindow};
 pub use crate::comparison::{Comparison, Verdict, save_comparisons};
 pub use crate::error::{EvalError, ForecastProblem, PredictionProblem};
-pub use crate::evaluate::{Batch, Entrant, EvalConfig, Evaluation, Setting, evaluate};
+pub use crate::evaluate::{Batch, EvalConfig, EvaluatedModel, Evaluation, Setting, evaluate};
 pub use crate::manoeuvre::{BARE_CHANGE_M, BRAKE_MPS2, CHANGE_M, Manoeuvre};
 pub use crate::metric::{Direction, MISS_M, Metric, MetricKind, Unit};
 pub use crate::predictions::{
@@ -36,5 +36,5 @@ pub use crate::predictions::{
 };
 pub use crate::protocol::Protocol;
 pub use crate::score::{ALL_SITES, Score, load_scores, save_scores};
-pub use crate::sums::{Sums, VehicleId};
+pub use crate::sums::{MetricSums, VehicleId};
 pub use crate::table::{Table, TableCell, TableHead, comparison_tables, csv, tables};

@@ -56,10 +56,10 @@ impl Manoeuvre {
     #[must_use]
     pub fn of(window: &Window<'_>) -> Vec<Self> {
         let (seen, truth) = (window.observation(), window.truth());
-        let predicted = seen.shape().predicted;
-        let states: Vec<_> = (0..predicted).map(|j| truth.target(j)).collect();
+        let t_pred = seen.shape().t_pred;
+        let states: Vec<_> = (0..t_pred).map(|j| truth.target(j)).collect();
         let end = states.last().copied().unwrap_or_default();
-        let lanes = [seen.lane(), truth.lane(predicted.saturating_sub(1))];
+        let lanes = [seen.lane(), truth.lane(t_pred.saturating_sub(1))];
         let mut found = vec![sideways(lanes, end.y)];
         let along: Vec<f32> = std::iter::once(0.).chain(states.iter().map(|state| state.x)).collect();
         if brakes(&along, seen.shape().rate_hz) {

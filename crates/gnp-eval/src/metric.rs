@@ -13,7 +13,7 @@ use std::fmt;
 
 pub(crate) use crate::metric::overlap::Footprint;
 
-use crate::case::Case;
+use crate::case::ScoredWindow;
 use crate::error::EvalError;
 
 /// Beyond this error at the horizon a forecast has missed, m (Argoverse 2).
@@ -198,7 +198,7 @@ impl Metric {
     ///
     /// # Errors
     /// When the window has no frame at the horizon.
-    pub fn contribution(&self, case: &Case<'_>) -> Result<Option<f64>, EvalError> {
+    pub fn contribution(&self, case: &ScoredWindow<'_>) -> Result<Option<f64>, EvalError> {
         let frames = case.reference().frames(self.horizon_s)?;
         let k = self.k.unwrap_or(usize::MAX).clamp(1, case.modes().len());
         Ok(match self.kind {

@@ -93,7 +93,7 @@ impl Protocol {
 
     /// Whether models that are handed recorded futures may enter. Their numbers are marked.
     #[must_use]
-    pub fn allows_future_input(self) -> bool {
+    pub fn allows_future(self) -> bool {
         self != Self::Clean
     }
 
@@ -144,11 +144,7 @@ impl Protocol {
             metrics.push(Metric::of_all(M::RecordedOverlap, last));
         }
         if metrics.is_empty() {
-            return Err(EvalError::Horizon {
-                horizon_s: WAYMO_S[0],
-                rate_hz: shape.rate_hz,
-                predicted: shape.predicted,
-            });
+            return Err(EvalError::Horizon { horizon_s: WAYMO_S[0], rate_hz: shape.rate_hz, t_pred: shape.t_pred });
         }
         Ok(metrics)
     }
@@ -202,7 +198,7 @@ impl Protocol {
 mod tests {
     use super::*;
 
-    const SHAPE: WindowShape = WindowShape { observed: 31, predicted: 50, step: 1, rate_hz: 10. };
+    const SHAPE: WindowShape = WindowShape { t_obs: 31, t_pred: 50, step: 1, rate_hz: 10. };
 
     #[test]
     fn every_metric_has_an_answer_with_enough_modes() {
@@ -231,7 +227,7 @@ mod tests {
 
     #[test]
     fn only_clean_refuses_future_input() {
-        let refusing: Vec<_> = Protocol::ALL.into_iter().filter(|protocol| !protocol.allows_future_input()).collect();
+        let refusing: Vec<_> = Protocol::ALL.into_iter().filter(|protocol| !protocol.allows_future()).collect();
         assert_eq!(refusing, [Protocol::Clean]);
     }
 
@@ -263,8 +259,8 @@ mod tests {
 
     #[test]
     fn waymo_has_the_horizons_that_windows_reach() {
-        let seconds = |predicted| {
-            let metrics = Protocol::Waymo.metrics(&WindowShape { predicted, ..SHAPE })?;
+        let seconds = |t_pred| {
+            let metrics = Protocol::Waymo.metrics(&WindowShape { t_pred, ..SHAPE })?;
             let mut seconds: Vec<f64> = metrics.iter().map(|metric| metric.horizon_s).collect();
             seconds.dedup();
             Ok(seconds)

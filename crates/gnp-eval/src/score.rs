@@ -45,7 +45,7 @@ pub struct Score {
     /// Whether any recording that was scored is simulated.
     pub simulated: bool,
     /// Whether the model is handed recorded futures.
-    pub future_input: bool,
+    pub uses_future: bool,
 }
 
 /// Writes scores as a JSON array, one a line; the file appears whole or not at all.
@@ -97,7 +97,7 @@ mod tests {
             windows: 120,
             vehicles: 7,
             simulated: true,
-            future_input: false,
+            uses_future: false,
         }
     }
 

@@ -1,4 +1,4 @@
-//! Sums of contributions by vehicle: all that a value and its interval need.
+//! MetricSums of contributions by vehicle: all that a value and its interval need.
 
 use std::collections::BTreeMap;
 
@@ -22,17 +22,17 @@ pub(crate) struct Cell {
     pub(crate) windows: u32,
 }
 
-/// Sums of each metric's contributions by vehicle, `[vehicles, metrics]`, vehicles in order.
+/// MetricSums of each metric's contributions by vehicle, `[vehicles, metrics]`, vehicles in order.
 ///
 /// Memory grows with vehicles, not with windows.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sums {
+pub struct MetricSums {
     vehicles: Vec<VehicleId>,
     cells: Vec<Cell>,
     width: usize,
 }
 
-impl Sums {
+impl MetricSums {
     /// The vehicles, in order of recording and number.
     #[must_use]
     pub fn vehicles(&self) -> &[VehicleId] {
@@ -118,7 +118,7 @@ impl Pool {
     }
 }
 
-/// Gathers [`Sums`] window by window, in the order of the windows.
+/// Gathers [`MetricSums`] window by window, in the order of the windows.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Gatherer {
     rows: BTreeMap<String, BTreeMap<u32, Vec<Cell>>>,
@@ -147,7 +147,7 @@ impl Gatherer {
     }
 
     /// The sums.
-    pub(crate) fn finish(self) -> Sums {
+    pub(crate) fn finish(self) -> MetricSums {
         let width = self.width;
         let (mut vehicles, mut cells) = (Vec::new(), Vec::new());
         for (recording, rows) in self.rows {
@@ -156,7 +156,7 @@ impl Gatherer {
                 cells.extend(row);
             }
         }
-        Sums { vehicles, cells, width }
+        MetricSums { vehicles, cells, width }
     }
 }
 
@@ -164,7 +164,7 @@ impl Gatherer {
 mod tests {
     use super::*;
 
-    fn two_vehicles() -> Sums {
+    fn two_vehicles() -> MetricSums {
         let mut gatherer = Gatherer::new(2);
         gatherer.add("b", 7, &[Some(1.), None]);
         gatherer.add("a", 9, &[Some(4.), Some(3.)]);
@@ -199,7 +199,7 @@ mod tests {
         assert_eq!(one.vehicles(), [id("a", 9), id("b", 7)]);
         let mut other = Gatherer::new(2);
         other.add("aa", 1, &[Some(2.), Some(2.)]);
-        let all = Sums::concatenated([&one, &other.finish()]);
+        let all = MetricSums::concatenated([&one, &other.finish()]);
         assert_eq!(all.vehicles(), [id("a", 9), id("aa", 1), id("b", 7)]);
         assert_eq!(all.counts(0), (4, 3));
         assert_eq!(all.value(0, MetricKind::Ade), Some(2.5));

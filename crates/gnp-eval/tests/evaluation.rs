@@ -5,11 +5,11 @@
 use std::collections::BTreeMap;
 
 use gnp_data::{
-    Columns, Dataset, Forecast, InformedPredictor, LaneLine, LineKind, Mode, Observation, Part, PredictError,
-    Predictor, Recording, RecordingMeta, Road, Track, VehicleClass, Window, WindowConfig, WindowId, WindowSet,
+    Columns, Dataset, Forecast, LaneMarking, MarkingKind, Mode, Observation, OraclePredictor, PredictError, Predictor,
+    Recording, RecordingMeta, Road, Subset, Track, VehicleClass, Window, WindowConfig, WindowId, WindowSet,
 };
 use gnp_eval::{
-    ALL_SITES, Batch, Bootstrap, Comparison, Coverage, Detail, Entrant, EvalConfig, EvalError, ForecastProblem,
+    ALL_SITES, Batch, Bootstrap, Comparison, Coverage, Detail, EvalConfig, EvalError, EvaluatedModel, ForecastProblem,
     Manoeuvre, Metric, MetricKind, Prediction, PredictionWriter, Predictions, Protocol, Provenance, Score, TableHead,
     Verdict, evaluate, read_predictions, save_comparisons, tables,
 };
@@ -56,8 +56,8 @@ fn recording(name: &str, site: &str, simulated: bool, cars: &[Car]) -> Recording
             rows: start..columns.x.len(),
         });
     }
-    let kinds = [LineKind::Boundary, LineKind::Centre, LineKind::Boundary];
-    let lines = kinds.into_iter().zip([0., 4., 8.]).map(|(kind, y)| LaneLine { kind, y }).collect();
+    let kinds = [MarkingKind::Boundary, MarkingKind::LaneDivider, MarkingKind::Boundary];
+    let lines = kinds.into_iter().zip([0., 4., 8.]).map(|(kind, y)| LaneMarking { kind, y }).collect();
     let meta = RecordingMeta {
         dataset: Dataset::Ngsim,
         site: site.to_owned(),
@@ -75,7 +75,7 @@ fn windows() -> WindowConfig {
 
 fn config(protocols: &[Protocol]) -> EvalConfig {
     EvalConfig {
-        part: Part::Test,
+        part: Subset::Test,
         protocols: protocols.to_vec(),
         batch: 2,
         bootstrap: Bootstrap { resamples: 200, seed: 3 },
@@ -97,10 +97,10 @@ impl Predictor for Straight {
         let modes = k.min(3);
         let of_window = |seen: &Observation<'_>| {
             let shape = seen.shape();
-            let vx = seen.target(shape.observed - 1).vx;
+            let vx = seen.target(shape.t_obs - 1).vx;
             let path = |m: usize| {
                 let t = |j: usize| (j + 1) as f32 * shape.dt() as f32;
-                (0..shape.predicted).map(|j| [vx * t(j), (self.drift + m as f32) * t(j)]).collect()
+                (0..shape.t_pred).map(|j| [vx * t(j), (self.drift + m as f32) * t(j)]).collect()
             };
             let mode = |m| Mode { probability: 1. / modes as f32, path: path(m), explanation: None };
             Forecast { modes: (0..modes).map(mode).collect() }
@@ -112,14 +112,14 @@ impl Predictor for Straight {
 /// Repeats what was recorded.
 struct Oracle;
 
-impl InformedPredictor for Oracle {
+impl OraclePredictor for Oracle {
     fn name(&self) -> &str {
         "oracle"
     }
 
-    fn predict_informed(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
+    fn predict_with_future(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
         let of_window = |window: &Window<'_>| {
-            let states = (0..window.observation().shape().predicted).map(|j| window.truth().target(j));
+            let states = (0..window.observation().shape().t_pred).map(|j| window.truth().target(j));
             let path = states.map(|state| [state.x, state.y]).collect();
             Forecast { modes: vec![Mode { probability: 1., path, explanation: None }] }
         };
@@ -127,9 +127,9 @@ impl InformedPredictor for Oracle {
     }
 }
 
-fn scores_of(recordings: &[Recording], entrants: &[Entrant<'_>], protocols: &[Protocol]) -> Vec<Score> {
+fn scores_of(recordings: &[Recording], models: &[EvaluatedModel<'_>], protocols: &[Protocol]) -> Vec<Score> {
     let (set, _) = WindowSet::cut(recordings, &windows()).unwrap();
-    let evaluation = evaluate(&set, set.ids(), entrants, &config(protocols), &mut |_| Ok(())).unwrap();
+    let evaluation = evaluate(&set, set.ids(), models, &config(protocols), &mut |_| Ok(())).unwrap();
     evaluation.scores(&config(protocols).bootstrap)
 }
 
@@ -154,7 +154,7 @@ fn golden_values_by_site() {
     let brakes = Car { vehicle: 2, x0: 500., y: 6., v: 30., a: -2. };
     let recordings = [recording("a", "us-101", false, &[keeps, brakes]), recording("b", "i-80", false, &[keeps])];
     let model = Straight { name: "straight", drift: 0. };
-    let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &[Protocol::Clean, Protocol::Literature]);
+    let scores = scores_of(&recordings, &[EvaluatedModel::Predictor(&model)], &[Protocol::Clean, Protocol::Literature]);
     let cases = [
         ("us-101", Metric::top_1(M::RmseAt, 1.), (1.5f64.powi(2) / 2.).sqrt()),
         ("us-101", Metric::top_1(M::RmseAt, 2.), 12.5f64.sqrt()),
@@ -190,7 +190,7 @@ fn off_road_is_beyond_the_outermost_lines() {
     let recordings = [recording("a", "us-101", false, &[car])];
     for (drift, top_1, of_3) in [(0., 0., 1. / 3.), (0.9, 0., 2. / 3.), (1.1, 1., 1.), (-3.1, 1., 1. / 3.)] {
         let model = Straight { name: "straight", drift };
-        let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &[Protocol::Clean]);
+        let scores = scores_of(&recordings, &[EvaluatedModel::Predictor(&model)], &[Protocol::Clean]);
         let off = |k| value(&scores, "us-101", Metric::best_of(MetricKind::OffRoad, k, 2.));
         assert!(
             (off(1) - top_1).abs() < 1e-12 && (off(6) - of_3).abs() < 1e-12,
@@ -211,7 +211,7 @@ fn overlap_is_of_boxes_in_the_same_frame() {
     let model = Straight { name: "straight", drift: 0. };
     let overlap = |other: Car| {
         let recordings = [recording("a", "us-101", false, &[fast, other])];
-        let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &[Protocol::Clean]);
+        let scores = scores_of(&recordings, &[EvaluatedModel::Predictor(&model)], &[Protocol::Clean]);
         value(&scores, "us-101", Metric::best_of(MetricKind::Overlap, 1, 2.))
     };
     assert_eq!(overlap(slow), 1., "each of the two meets the other");
@@ -227,12 +227,13 @@ fn overlap_is_of_boxes_in_the_same_frame() {
 fn informed_models_are_marked_and_kept_out_of_clean() {
     let car = Car { vehicle: 1, x0: 0., y: 2., v: 20., a: -1. };
     let recordings = [recording("a", "us-101", false, &[car])];
-    let scores = scores_of(&recordings, &[Entrant::Informed(&Oracle)], &[Protocol::Literature, Protocol::Paper]);
-    assert!(scores.iter().all(|score| score.future_input && score.value == 0.));
+    let scores = scores_of(&recordings, &[EvaluatedModel::Oracle(&Oracle)], &[Protocol::Literature, Protocol::Paper]);
+    assert!(scores.iter().all(|score| score.uses_future && score.value == 0.));
     let head = TableHead { split: "recording".to_owned(), rate_hz: RATE_HZ };
     assert!(tables(&scores, &head).iter().all(|table| table.terminal().contains("oracle (future input)")));
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
-    let refused = evaluate(&set, set.ids(), &[Entrant::Informed(&Oracle)], &config(&Protocol::ALL), &mut |_| Ok(()));
+    let refused =
+        evaluate(&set, set.ids(), &[EvaluatedModel::Oracle(&Oracle)], &config(&Protocol::ALL), &mut |_| Ok(()));
     assert!(matches!(refused, Err(EvalError::FutureInput { protocol: "clean", .. })));
 }
 
@@ -241,13 +242,14 @@ fn one_simulated_recording_marks_every_number() {
     let car = Car { vehicle: 1, x0: 0., y: 2., v: 20., a: 0. };
     let recordings = [recording("a", "s", false, &[car]), recording("b", "s", true, &[car])];
     let model = Straight { name: "straight", drift: 0. };
-    let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &[Protocol::Clean]);
+    let scores = scores_of(&recordings, &[EvaluatedModel::Predictor(&model)], &[Protocol::Clean]);
     assert!(scores.iter().all(|score| score.simulated));
     // The simulated one alone is not scored: nothing to mark.
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let real = &set.ids()[..1];
     let evaluation =
-        evaluate(&set, real, &[Entrant::Predictor(&model)], &config(&[Protocol::Clean]), &mut |_| Ok(())).unwrap();
+        evaluate(&set, real, &[EvaluatedModel::Predictor(&model)], &config(&[Protocol::Clean]), &mut |_| Ok(()))
+            .unwrap();
     assert!(!evaluation.setting().simulated);
 }
 
@@ -269,7 +271,7 @@ fn scenes_reach_models_whole_and_in_order() {
         seen.push((batch.asked, keys.join(" "), batch.done, batch.total));
         Ok(())
     };
-    evaluate(&set, &ids, &[Entrant::Predictor(&model)], &config(&[Protocol::Clean]), &mut watch).unwrap();
+    evaluate(&set, &ids, &[EvaluatedModel::Predictor(&model)], &config(&[Protocol::Clean]), &mut watch).unwrap();
     let scenes = ["a1 a2 a3", "b1 b2 b3"].into_iter().flat_map(|keys| [1, 6, 20].map(|asked| (asked, keys)));
     let expected = scenes.zip(1..).map(|((asked, keys), batch)| (asked, keys.to_owned(), 3 * batch, 18));
     assert_eq!(seen, expected.collect::<Vec<_>>());
@@ -281,8 +283,8 @@ fn the_watcher_can_stop() {
     let recordings = [recording("a", "s", false, &[car])];
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let model = Straight { name: "straight", drift: 0. };
-    let entrants = [Entrant::Predictor(&model)];
-    let stopped = evaluate(&set, set.ids(), &entrants, &config(&[Protocol::Clean]), &mut |_| Err(EvalError::Stopped));
+    let models = [EvaluatedModel::Predictor(&model)];
+    let stopped = evaluate(&set, set.ids(), &models, &config(&[Protocol::Clean]), &mut |_| Err(EvalError::Stopped));
     assert!(matches!(stopped, Err(EvalError::Stopped)));
 }
 
@@ -294,7 +296,7 @@ fn scores_are_the_same_bits_on_one_thread_and_on_two() {
     let model = Straight { name: "straight", drift: 0.3 };
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let scores = pool.install(|| scores_of(&recordings, &[Entrant::Predictor(&model)], &SHORT));
+        let scores = pool.install(|| scores_of(&recordings, &[EvaluatedModel::Predictor(&model)], &SHORT));
         scores.iter().map(|s| (s.value.to_bits(), s.ci_low.map(f64::to_bits), s.ci_high.map(f64::to_bits))).collect()
     };
     let (one, two): (Vec<_>, Vec<_>) = (on(1), on(2));
@@ -310,9 +312,9 @@ fn paired_difference_between_models() {
     let recordings = [recording("a", "s", false, &cars)];
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let (near, far) = (Straight { name: "near", drift: 0.1 }, Straight { name: "far", drift: 0.5 });
-    let entrants = [Entrant::Predictor(&near), Entrant::Predictor(&far)];
+    let models = [EvaluatedModel::Predictor(&near), EvaluatedModel::Predictor(&far)];
     let config = config(&[Protocol::Clean]);
-    let evaluation = evaluate(&set, set.ids(), &entrants, &config, &mut |_| Ok(())).unwrap();
+    let evaluation = evaluate(&set, set.ids(), &models, &config, &mut |_| Ok(())).unwrap();
     let metric = Metric::top_1(MetricKind::RmseAt, 2.);
     let difference = |a, b, metric| evaluation.difference(Protocol::Clean, "s", (a, b), metric, &config.bootstrap);
     let forth = difference("near", "far", metric).unwrap();
@@ -331,9 +333,9 @@ fn every_model_is_compared_with_one() {
     let recordings = [recording("a", "s", false, &cars), recording("b", "t", false, &cars[..9])];
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let models = [("near", 0.1), ("far", 0.5), ("same", 0.1)].map(|(name, drift)| Straight { name, drift });
-    let entrants = models.each_ref().map(|model| Entrant::Predictor(model));
+    let models = models.each_ref().map(|model| EvaluatedModel::Predictor(model));
     let config = config(&[Protocol::Clean, Protocol::Literature]);
-    let evaluation = evaluate(&set, set.ids(), &entrants, &config, &mut |_| Ok(())).unwrap();
+    let evaluation = evaluate(&set, set.ids(), &models, &config, &mut |_| Ok(())).unwrap();
     let rows = evaluation.comparisons("near", &config.bootstrap).unwrap();
     // Three places, two other models, five headline metrics under one protocol and one under the other.
     assert_eq!(rows.len(), 3 * 2 * (5 + 1));
@@ -361,7 +363,7 @@ fn scores_come_by_manoeuvre_under_clean() {
     let recordings =
         [recording("a", "s", false, &[car(1, 0.), car(2, 0.)]), recording("b", "t", false, &[car(3, -2.)])];
     let model = Straight { name: "straight", drift: 0. };
-    let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &SHORT);
+    let scores = scores_of(&recordings, &[EvaluatedModel::Predictor(&model)], &SHORT);
     let of = |manoeuvre| {
         let fde = |s: &&Score| s.metric == "fde" && s.horizon_s == 2. && s.manoeuvre == Some(manoeuvre);
         scores.iter().filter(fde).map(|s| (s.site.as_str(), s.windows, s.value)).collect::<Vec<_>>()
@@ -382,7 +384,7 @@ fn the_overlap_of_recorded_boxes_does_not_depend_on_the_model() {
     let recordings = [recording("a", "s", false, &[fast, slow, Car { vehicle: 3, x0: 900., ..fast }])];
     for drift in [0., 4.] {
         let model = Straight { name: "straight", drift };
-        let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &[Protocol::Clean]);
+        let scores = scores_of(&recordings, &[EvaluatedModel::Predictor(&model)], &[Protocol::Clean]);
         let floor = value(&scores, "s", Metric::of_all(MetricKind::RecordedOverlap, 2.));
         assert!((floor - 2. / 3.).abs() < 1e-12, "{floor}");
     }
@@ -395,20 +397,20 @@ fn models_that_may_not_enter_everywhere_join_later() {
     let recordings = [recording("a", "s", false, &cars)];
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let model = Straight { name: "straight", drift: 0. };
-    let run = |ids: &[WindowId], entrant, protocols: &[Protocol]| {
-        evaluate(&set, ids, &[entrant], &config(protocols), &mut |_| Ok(())).unwrap()
+    let run = |ids: &[WindowId], model, protocols: &[Protocol]| {
+        evaluate(&set, ids, &[model], &config(protocols), &mut |_| Ok(())).unwrap()
     };
     let both = [Protocol::Clean, Protocol::Literature];
-    let blind = || run(set.ids(), Entrant::Predictor(&model), &both);
-    let told = run(set.ids(), Entrant::Informed(&Oracle), &both[1..]);
+    let blind = || run(set.ids(), EvaluatedModel::Predictor(&model), &both);
+    let told = run(set.ids(), EvaluatedModel::Oracle(&Oracle), &both[1..]);
     let joined = blind().joined(told.clone()).unwrap();
     let bootstrap = config(&both).bootstrap;
     let rows = joined.comparisons("straight", &bootstrap).unwrap();
     assert_eq!(rows.len(), 1, "the oracle is compared where it entered");
-    assert!(rows[0].protocol == Protocol::Literature && rows[0].future_input && rows[0].verdict == Verdict::Worse);
+    assert!(rows[0].protocol == Protocol::Literature && rows[0].uses_future && rows[0].verdict == Verdict::Worse);
     assert_eq!(joined.scores(&bootstrap).len(), blind().scores(&bootstrap).len() + told.scores(&bootstrap).len());
     assert!(matches!(joined.joined(told), Err(EvalError::SameName { .. })));
-    let fewer = run(&set.ids()[..2], Entrant::Informed(&Oracle), &both[1..]);
+    let fewer = run(&set.ids()[..2], EvaluatedModel::Oracle(&Oracle), &both[1..]);
     assert!(matches!(blind().joined(fewer), Err(EvalError::OtherWindows { first: 6, second: 2 })));
 }
 
@@ -437,8 +439,9 @@ fn folds_pooled_score_as_all_windows_at_once() {
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let config = config(&[Protocol::Clean]);
     let straight = Straight { name: "straight", drift: 0.3 };
-    let of =
-        |ids: &[WindowId]| evaluate(&set, ids, &[Entrant::Predictor(&straight)], &config, &mut |_| Ok(())).unwrap();
+    let of = |ids: &[WindowId]| {
+        evaluate(&set, ids, &[EvaluatedModel::Predictor(&straight)], &config, &mut |_| Ok(())).unwrap()
+    };
     let whole = of(set.ids());
     // The folds share neither a site's order nor its windows.
     let [one, two, three, four, five] = set.ids() else { panic!("five windows") };
@@ -447,15 +450,18 @@ fn folds_pooled_score_as_all_windows_at_once() {
     assert_eq!(pooled.scores(&config.bootstrap), whole.scores(&config.bootstrap));
     assert!(whole.scores(&config.bootstrap).iter().any(|score| score.value > 0.));
 
-    let other =
-        evaluate(&set, &[*one], &[Entrant::Predictor(&Straight { name: "other", drift: 0.3 })], &config, &mut |_| {
-            Ok(())
-        })
-        .unwrap();
+    let other = evaluate(
+        &set,
+        &[*one],
+        &[EvaluatedModel::Predictor(&Straight { name: "other", drift: 0.3 })],
+        &config,
+        &mut |_| Ok(()),
+    )
+    .unwrap();
     let error = of(&[*two]).pooled(other).unwrap_err().to_string();
     assert!(error.contains("models"), "{error}");
     let literature = EvalConfig { protocols: vec![Protocol::Literature], ..config.clone() };
-    let other = evaluate(&set, &[*one], &[Entrant::Predictor(&straight)], &literature, &mut |_| Ok(())).unwrap();
+    let other = evaluate(&set, &[*one], &[EvaluatedModel::Predictor(&straight)], &literature, &mut |_| Ok(())).unwrap();
     let error = of(&[*two]).pooled(other).unwrap_err().to_string();
     assert!(error.contains("protocols"), "{error}");
 }
@@ -467,8 +473,10 @@ fn failures_name_the_model_and_the_window() {
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let run = |change| {
         let model = Broken(change);
-        evaluate(&set, set.ids(), &[Entrant::Predictor(&model)], &config(&[Protocol::Literature]), &mut |_| Ok(()))
-            .unwrap_err()
+        evaluate(&set, set.ids(), &[EvaluatedModel::Predictor(&model)], &config(&[Protocol::Literature]), &mut |_| {
+            Ok(())
+        })
+        .unwrap_err()
     };
     let error = run(|forecasts| forecasts[1].modes[0].path[2][1] = f32::INFINITY);
     assert_eq!(error.to_string(), "broken, recording a, vehicle 2, frame 104: mode 0, step 3: position is not finite");
@@ -484,11 +492,11 @@ fn what_cannot_be_evaluated_is_refused() {
     let recordings = [recording("a", "s", false, &[car])];
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let model = Straight { name: "straight", drift: 0. };
-    let one = [Entrant::Predictor(&model)];
-    let twice = [Entrant::Predictor(&model), Entrant::Predictor(&model)];
+    let one = [EvaluatedModel::Predictor(&model)];
+    let twice = [EvaluatedModel::Predictor(&model), EvaluatedModel::Predictor(&model)];
     let clean = config(&[Protocol::Clean]);
-    let run = |ids: &[WindowId], entrants: &[Entrant<'_>], config: &EvalConfig| {
-        evaluate(&set, ids, entrants, config, &mut |_| Ok(())).unwrap_err()
+    let run = |ids: &[WindowId], models: &[EvaluatedModel<'_>], config: &EvalConfig| {
+        evaluate(&set, ids, models, config, &mut |_| Ok(())).unwrap_err()
     };
     assert!(matches!(run(&[], &one, &clean), EvalError::NoWindows));
     assert!(matches!(run(set.ids(), &twice, &clean), EvalError::SameName { .. }));
@@ -521,7 +529,7 @@ fn a_prediction_file_scores_as_its_model() {
         dataset: Dataset::Ngsim,
         rate_hz: RATE_HZ,
         simulated: false,
-        future_input: false,
+        uses_future: false,
     };
     let mut writer = PredictionWriter::create(&path, &provenance).unwrap();
     let mut watch = |batch: &Batch<'_>| {
@@ -532,10 +540,10 @@ fn a_prediction_file_scores_as_its_model() {
     };
     let model = Straight { name: "straight", drift: 0.2 };
     let config = config(&[Protocol::Clean]);
-    let ran = evaluate(&set, set.ids(), &[Entrant::Predictor(&model)], &config, &mut watch).unwrap();
+    let ran = evaluate(&set, set.ids(), &[EvaluatedModel::Predictor(&model)], &config, &mut watch).unwrap();
     writer.finish().unwrap();
     let file = read_predictions(&path, Detail::Paths).unwrap();
-    let read = evaluate(&set, set.ids(), &[Entrant::Predictor(&file)], &config, &mut |_| Ok(())).unwrap();
+    let read = evaluate(&set, set.ids(), &[EvaluatedModel::Predictor(&file)], &config, &mut |_| Ok(())).unwrap();
     assert_eq!(ran.scores(&config.bootstrap), read.scores(&config.bootstrap));
 
     let all = Coverage { matched: 4, windows_alone: 0, predictions_alone: 0 };
@@ -543,7 +551,8 @@ fn a_prediction_file_scores_as_its_model() {
     let fewer = Predictions::new("fewer", file.iter().skip(1).cloned().chain([elsewhere(&file)]));
     let partly = Coverage { matched: 3, windows_alone: 1, predictions_alone: 1 };
     assert_eq!(fewer.coverage(set.iter()), partly);
-    let missing = evaluate(&set, set.ids(), &[Entrant::Predictor(&fewer)], &config, &mut |_| Ok(())).unwrap_err();
+    let missing =
+        evaluate(&set, set.ids(), &[EvaluatedModel::Predictor(&fewer)], &config, &mut |_| Ok(())).unwrap_err();
     let source = std::error::Error::source(&missing).unwrap();
     assert!(
         source.to_string().contains("no prediction for recording a, vehicle 1, frame 104") || {
@@ -565,7 +574,7 @@ fn no_score_is_given_twice() {
     let car = Car { vehicle: 1, x0: 0., y: 2., v: 20., a: 0. };
     let recordings = [recording("a", "us-101", false, &[car]), recording("b", "i-80", false, &[car])];
     let model = Straight { name: "straight", drift: 0. };
-    let scores = scores_of(&recordings, &[Entrant::Predictor(&model)], &SHORT);
+    let scores = scores_of(&recordings, &[EvaluatedModel::Predictor(&model)], &SHORT);
     let mut counts = BTreeMap::new();
     for s in &scores {
         *counts.entry((s.protocol, &s.site, s.manoeuvre, &s.metric, s.k, s.horizon_s as u32)).or_insert(0) += 1;

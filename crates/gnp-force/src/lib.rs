@@ -56,7 +56,7 @@ pub use crate::{
     line::{BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineKind, Side, line_force, line_force_vjp, line_potential},
     road::Road,
     simulator::{
-        Arrival, CruiseParams, Drive, Explanation, MotorwayRule, NeighbourSearch, Repulsion, Simulator,
+        Arrival, CruiseParams, Drive, ForceBreakdown, MotorwayRule, NeighbourSearch, Repulsion, Simulator,
         SimulatorParams, Surroundings, Vehicle, VehicleId,
     },
     state::State,

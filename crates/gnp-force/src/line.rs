@@ -31,7 +31,7 @@ pub const BOUNDARY_CAP: f64 = 0.5;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 pub enum LineKind {
     /// Between two lanes: pushes away to both sides and may be crossed.
-    Centre,
+    LaneDivider,
     /// Edge of the carriageway: pushes to the road's side only.
     Boundary,
 }
@@ -67,7 +67,7 @@ impl Side {
 #[must_use]
 pub fn line_potential<T: RealField + Copy>(kind: LineKind, d: T, k: T, road: Side) -> T {
     match kind {
-        LineKind::Centre => {
+        LineKind::LaneDivider => {
             let d = d.abs().min(lit(CENTRE_CUTOFF));
             k * (-d * d).exp()
         }
@@ -94,8 +94,8 @@ pub fn line_potential<T: RealField + Copy>(kind: LineKind, d: T, k: T, road: Sid
 #[must_use]
 pub fn line_force<T: RealField + Copy>(kind: LineKind, d: T, k: T, road: Side) -> T {
     match kind {
-        LineKind::Centre if d.abs() < lit(CENTRE_CUTOFF) => lit::<T>(2.0) * k * d * (-d * d).exp(),
-        LineKind::Centre => T::zero(),
+        LineKind::LaneDivider if d.abs() < lit(CENTRE_CUTOFF) => lit::<T>(2.0) * k * d * (-d * d).exp(),
+        LineKind::LaneDivider => T::zero(),
         LineKind::Boundary => {
             let side = road.sign::<T>();
             let s = (d * side).max(lit(BOUNDARY_CAP));
@@ -118,10 +118,10 @@ pub struct LineForceVjp<T> {
 #[must_use]
 pub fn line_force_vjp<T: RealField + Copy>(kind: LineKind, d: T, k: T, road: Side, cotangent: T) -> LineForceVjp<T> {
     let slope = match kind {
-        LineKind::Centre if d.abs() < lit(CENTRE_CUTOFF) => {
+        LineKind::LaneDivider if d.abs() < lit(CENTRE_CUTOFF) => {
             lit::<T>(2.0) * k * (T::one() - lit::<T>(2.0) * d * d) * (-d * d).exp()
         }
-        LineKind::Centre => T::zero(),
+        LineKind::LaneDivider => T::zero(),
         LineKind::Boundary => {
             let s = d * road.sign::<T>();
             if s < lit(BOUNDARY_CAP) { T::zero() } else { lit::<T>(-3.0) * k / (s * s * s * s) }

@@ -72,7 +72,7 @@ impl<T: RealField + Copy> Road<T> {
         let mut y = T::zero();
         for _ in 1..lanes {
             y += lane_width;
-            lines.push(Line { kind: LineKind::Centre, y, road: Side::Left, k: lit(0.2) });
+            lines.push(Line { kind: LineKind::LaneDivider, y, road: Side::Left, k: lit(0.2) });
         }
         lines.push(edge(y + lane_width, Side::Right));
         Self::new(lines)
@@ -108,7 +108,7 @@ impl<T: RealField + Copy> Road<T> {
     pub fn strongest_push(&self) -> T {
         self.lines.iter().fold(T::zero(), |sum, line| {
             let most = match line.kind {
-                LineKind::Centre => lit::<T>((2.0_f64 / std::f64::consts::E).sqrt()),
+                LineKind::LaneDivider => lit::<T>((2.0_f64 / std::f64::consts::E).sqrt()),
                 LineKind::Boundary => lit(8.0),
             };
             sum + line.k * most
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(Road::new(lines).unwrap().lines(), sorted);
         assert_eq!(
             sorted.iter().map(|line| line.kind).collect::<Vec<_>>(),
-            [LineKind::Boundary, LineKind::Centre, LineKind::Boundary]
+            [LineKind::Boundary, LineKind::LaneDivider, LineKind::Boundary]
         );
         assert_eq!((sorted[0].road, sorted[2].road), (Side::Left, Side::Right));
     }

@@ -8,7 +8,7 @@ mod repulsion;
 use self::order::LaneOrder;
 pub use self::{
     drive::{Drive, Vehicle},
-    forces::Explanation,
+    forces::ForceBreakdown,
     params::{CruiseParams, NeighbourSearch, SimulatorParams},
     repulsion::{MotorwayRule, Repulsion},
 };

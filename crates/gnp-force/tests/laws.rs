@@ -97,7 +97,7 @@ fn boxes_without_size_push_as_points_do() {
 #[test]
 fn lines_push_downhill() {
     for (kind, road) in
-        [(LineKind::Centre, Side::Left), (LineKind::Boundary, Side::Left), (LineKind::Boundary, Side::Right)]
+        [(LineKind::LaneDivider, Side::Left), (LineKind::Boundary, Side::Left), (LineKind::Boundary, Side::Right)]
     {
         for i in -600..600 {
             let d = f64::from(i) * 0.01 + 0.003;
@@ -112,7 +112,7 @@ fn lines_push_downhill() {
 
 #[test]
 fn line_potentials_have_no_step() {
-    for (kind, at) in [(LineKind::Centre, 4.0), (LineKind::Centre, -4.0), (LineKind::Boundary, 0.5)] {
+    for (kind, at) in [(LineKind::LaneDivider, 4.0), (LineKind::LaneDivider, -4.0), (LineKind::Boundary, 0.5)] {
         let jump: f64 =
             line_potential(kind, at + 1e-9, 1.0, Side::Left) - line_potential(kind, at - 1e-9, 1.0, Side::Left);
         assert!(jump.abs() < 1e-6, "{kind:?} at {at}: {jump}");
@@ -132,7 +132,7 @@ fn a_boundary_always_points_to_the_road() {
 
 #[test]
 fn a_centre_line_pushes_to_both_sides_and_not_beyond_its_cut_off() {
-    let push = |d: f64| line_force(LineKind::Centre, d, 0.5, Side::Left);
+    let push = |d: f64| line_force(LineKind::LaneDivider, d, 0.5, Side::Left);
     assert!((push(1.0) - (-1.0_f64).exp()).abs() < 1e-12, "2 k d exp(-d²)");
     assert_eq!(push(-1.0), -push(1.0));
     assert_eq!((push(0.0), push(4.0), push(-5.0)), (0.0, 0.0, 0.0));
@@ -149,7 +149,7 @@ fn singular_places_are_finite_in_both_precisions() {
         assert_eq!(goal_force(Point2::origin(), zero, Point2::origin(), none, none), zero);
         let late = goal_force(Point2::origin(), zero, Point2::new(one, none), none, none);
         assert!(late.x > none && late.x.is_finite(), "no time left");
-        for kind in [LineKind::Centre, LineKind::Boundary] {
+        for kind in [LineKind::LaneDivider, LineKind::Boundary] {
             assert!(line_force(kind, none, one, Side::Left).is_finite());
             assert!(line_potential(kind, none, one, Side::Right).is_finite());
         }

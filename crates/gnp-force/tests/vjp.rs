@@ -96,7 +96,7 @@ fn of_the_box_repulsion() {
 #[test]
 fn of_the_lines() {
     for (kind, road) in
-        [(LineKind::Centre, Side::Left), (LineKind::Boundary, Side::Left), (LineKind::Boundary, Side::Right)]
+        [(LineKind::LaneDivider, Side::Left), (LineKind::Boundary, Side::Left), (LineKind::Boundary, Side::Right)]
     {
         for i in -60..60 {
             let d = f64::from(i) * 0.1 + 0.03;
@@ -117,7 +117,7 @@ fn of_the_whole_field() {
                 Neighbour { position: Point2::new(-9.0, 3.5), k: 1.7, r_col: 12.0 },
             ],
             lines: &[
-                Line { kind: LineKind::Centre, y: line, road: Side::Left, k: 0.4 },
+                Line { kind: LineKind::LaneDivider, y: line, road: Side::Left, k: 0.4 },
                 Line { kind: LineKind::Boundary, y: -2.0, road: Side::Left, k: 0.6 },
             ],
         };

@@ -22,8 +22,8 @@ fn config(probability: ProbabilityHead) -> GoalConfig {
         dropout: 0.1,
         probability,
         regression: if decoder { Regression::Residual } else { Regression::Absolute },
-        nobody: decoder,
-        slot_code: decoder,
+        null_token: decoder,
+        slot_embedding: decoder,
     }
 }
 

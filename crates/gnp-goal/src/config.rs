@@ -25,10 +25,10 @@ pub struct GoalConfig {
     pub regression: Regression,
     /// Whether the decoder has one more, learned key that is always there, so that a vehicle alone
     /// attends to something and one among others may attend to no one.
-    pub nobody: bool,
+    pub null_token: bool,
     /// Whether each neighbour slot adds its own learned vector, so that the network knows who is
     /// ahead and who is beside. Otherwise the order of the neighbours does not matter.
-    pub slot_code: bool,
+    pub slot_embedding: bool,
 }
 
 /// Where modes get their probability.
@@ -120,8 +120,8 @@ mod tests {
             dropout: 0.,
             probability: ProbabilityHead::Encoder,
             regression: Regression::Absolute,
-            nobody: false,
-            slot_code: false,
+            null_token: false,
+            slot_embedding: false,
         };
         assert!(good.check().is_ok());
         for (bad, key) in [
@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn it_reads_back_and_refuses_unknown_keys() {
         let text = r#"{"width": 64, "heads": 4, "layers": 2, "feed_forward": 2, "dropout": 0.125,
-            "probability": "decoder", "regression": "residual", "nobody": true, "slot_code": true}"#;
+            "probability": "decoder", "regression": "residual", "null_token": true, "slot_embedding": true}"#;
         let config: GoalConfig = serde_json::from_str(text).unwrap();
         assert_eq!(config.probability, ProbabilityHead::Decoder);
         let again = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();

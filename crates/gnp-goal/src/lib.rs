@@ -17,8 +17,8 @@
 //!     dropout: 0.1,
 //!     probability: ProbabilityHead::Decoder,
 //!     regression: Regression::Residual,
-//!     nobody: true,
-//!     slot_code: true,
+//!     null_token: true,
+//!     slot_embedding: true,
 //! };
 //! let shape = GoalShape { observed: 12, neighbour: 10, slots: 3, t_pred: 5 };
 //! let weights = gnp_nn::Weights::seeded(7, &Device::Cpu);

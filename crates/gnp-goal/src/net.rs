@@ -22,7 +22,7 @@ pub struct GoalNet {
     decoder: Block,
     probability: Linear,
     goal: Linear,
-    nobody: Option<Tensor>,
+    null_token: Option<Tensor>,
     slot: Option<Tensor>,
     graph: bool,
 }
@@ -72,8 +72,8 @@ impl GoalNet {
             decoder: block(vb.pp("dec"))?,
             probability: linear(width, 1, vb.pp("prob"))?,
             goal: linear(width, 2 * shape.t_pred, vb.pp("goal"))?,
-            nobody: config.nobody.then(|| learned(&[width], "nobody")).transpose()?,
-            slot: config.slot_code.then(|| learned(&[shape.slots, width], "slot")).transpose()?,
+            null_token: config.null_token.then(|| learned(&[width], "nobody")).transpose()?,
+            slot: config.slot_embedding.then(|| learned(&[shape.slots, width], "slot")).transpose()?,
             config: config.clone(),
             shape,
             graph: false,
@@ -188,11 +188,11 @@ impl GoalNet {
         if let Some(slot) = &self.slot {
             keys = keys.broadcast_add(slot)?;
         }
-        let Some(nobody) = &self.nobody else { return Ok((keys, mask.clone())) };
+        let Some(null_token) = &self.null_token else { return Ok((keys, mask.clone())) };
         let (batch, _, width) = keys.dims3()?;
-        let nobody = nobody.broadcast_as((batch, 1, width))?;
+        let null_token = null_token.broadcast_as((batch, 1, width))?;
         let always = Tensor::ones((batch, 1), mask.dtype(), mask.device())?;
-        Ok((Tensor::cat(&[&keys, &nobody], 1)?, Tensor::cat(&[mask, &always], 1)?))
+        Ok((Tensor::cat(&[&keys, &null_token], 1)?, Tensor::cat(&[mask, &always], 1)?))
     }
 
     /// The batch size, after every shape was compared.

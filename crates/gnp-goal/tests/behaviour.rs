@@ -23,8 +23,8 @@ fn published() -> GoalConfig {
         dropout: 0.2,
         probability: ProbabilityHead::Encoder,
         regression: Regression::Absolute,
-        nobody: false,
-        slot_code: false,
+        null_token: false,
+        slot_embedding: false,
     }
 }
 
@@ -32,8 +32,8 @@ fn ours() -> GoalConfig {
     GoalConfig {
         probability: ProbabilityHead::Decoder,
         regression: Regression::Residual,
-        nobody: true,
-        slot_code: true,
+        null_token: true,
+        slot_embedding: true,
         ..published()
     }
 }
@@ -142,7 +142,7 @@ fn windows_do_not_see_each_other() {
 
 #[test]
 fn absent_neighbours_do_not_matter() {
-    for config in [published(), ours(), GoalConfig { nobody: false, ..ours() }] {
+    for config in [published(), ours(), GoalConfig { null_token: false, ..ours() }] {
         let mut case = Case::new(&config);
         let before = case.run(&Pick::MostProbable(3));
         let absent = (1. - mask()).unwrap().unsqueeze(2).unwrap();
@@ -170,15 +170,15 @@ fn present_neighbours_do_matter() {
 
 #[test]
 fn order_matters_only_with_a_slot_code() {
-    for slot_code in [false, true] {
-        let mut case = Case::new(&GoalConfig { slot_code, ..ours() });
+    for slot_embedding in [false, true] {
+        let mut case = Case::new(&GoalConfig { slot_embedding, ..ours() });
         let before = case.run(&Pick::MostProbable(3));
         let order = Tensor::new(&[3u32, 0, 4, 2, 1], &Device::Cpu).unwrap();
         case.neighbours = case.neighbours.index_select(&order, 1).unwrap();
         case.mask = case.mask.index_select(&order, 1).unwrap();
         let after = case.run(&Pick::Indices(before.indices.clone()));
-        assert_eq!(close(&before.futures, &after.futures), !slot_code);
-        assert_eq!(close(&before.logits, &after.logits), !slot_code);
+        assert_eq!(close(&before.futures, &after.futures), !slot_embedding);
+        assert_eq!(close(&before.logits, &after.logits), !slot_embedding);
     }
 }
 

@@ -45,8 +45,8 @@ fn compare(form: impl Fn(GoalNet) -> GoalNet) {
         dropout: 0.,
         probability: ProbabilityHead::Encoder,
         regression: Regression::Absolute,
-        nobody: false,
-        slot_code: false,
+        null_token: false,
+        slot_embedding: false,
     };
     let shape = GoalShape { observed: 24, neighbour: 24, slots: 4, t_pred: 5 };
     let net = form(GoalNet::new(&config, shape, weights.builder()).unwrap());

@@ -14,7 +14,7 @@ use candle_core::Device;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use gnp_data::{Dataset, Expectation, Observation, Predictor, WindowConfig, WindowSet, discover, read};
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
-use gnp_model::{Checkpoint, FeatureConfig, Features, Gnp, Header, NeighbourFuture, Part, Representation};
+use gnp_model::{Checkpoint, Component, FeatureConfig, Features, Gnp, Header, NeighbourFuture, Representation};
 use gnp_modes::Modes;
 use gnp_nn::Weights;
 use gnp_traj::{InputScale, SocialForce, TrajConfig};
@@ -41,8 +41,8 @@ fn small() -> Sizes {
         goal: GoalConfig {
             probability: ProbabilityHead::Decoder,
             regression: Regression::Residual,
-            nobody: true,
-            slot_code: true,
+            null_token: true,
+            slot_embedding: true,
             ..published().goal
         },
         traj: TrajConfig {
@@ -71,8 +71,8 @@ fn published() -> Sizes {
             dropout: 0.1,
             probability: ProbabilityHead::Encoder,
             regression: Regression::Absolute,
-            nobody: false,
-            slot_code: false,
+            null_token: false,
+            slot_embedding: false,
         },
         traj: TrajConfig::published(),
     }
@@ -83,10 +83,10 @@ fn model(sizes: &Sizes, features: Features) -> Result<Gnp, Box<dyn Error>> {
     let (goal, force) = (Weights::seeded(1, &Device::Cpu), Weights::seeded(2, &Device::Cpu));
     GoalNet::new(&sizes.goal, features.goal_shape(), goal.builder())?;
     SocialForce::new(&sizes.traj, force.builder())?;
-    let step = |i: usize| ((i / 2 % shape.predicted + 1) * (i / (2 * shape.predicted))) as f32 * 0.01;
+    let step = |i: usize| ((i / 2 % shape.t_pred + 1) * (i / (2 * shape.t_pred))) as f32 * 0.01;
     let modes = Modes {
-        centres: (0..sizes.modes * shape.predicted * 2).map(step).collect(),
-        t_pred: shape.predicted,
+        centres: (0..sizes.modes * shape.t_pred * 2).map(step).collect(),
+        t_pred: shape.t_pred,
         sizes: vec![1; sizes.modes],
         inertia: 0.,
         converged: true,
@@ -95,7 +95,7 @@ fn model(sizes: &Sizes, features: Features) -> Result<Gnp, Box<dyn Error>> {
         frame: features.mode_frame(),
     };
     let header = Header {
-        part: Part::Goal,
+        part: Component::Goal,
         dataset: Dataset::HighD,
         simulated: true,
         shape,
@@ -109,7 +109,7 @@ fn model(sizes: &Sizes, features: Features) -> Result<Gnp, Box<dyn Error>> {
         scores: BTreeMap::new(),
         trainer: None,
     };
-    let of_force = Header { part: Part::Repulsion, goal: None, traj: Some(sizes.traj.clone()), ..header.clone() };
+    let of_force = Header { part: Component::Repulsion, goal: None, traj: Some(sizes.traj.clone()), ..header.clone() };
     let [goal, force] = [(header, goal), (of_force, force)].map(|(header, weights)| Checkpoint {
         header,
         tensors: weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach())).collect(),
@@ -136,7 +136,7 @@ fn frame(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
             length_scale: 5.,
             velocity_window_s: 0.5,
             history_block_s: 0.,
-            following_hint: false,
+            car_following_features: false,
         };
         let features = Features::fit(&features, set.shape(), windows.iter().copied())?;
         let model = model(&sizes, features)?;

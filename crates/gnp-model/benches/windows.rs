@@ -10,7 +10,7 @@ use std::path::Path;
 use candle_core::{DType, Device, Tensor};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet, discover, read};
-use gnp_model::{FeatureConfig, Features, Representation, Seen};
+use gnp_model::{AugmentedView, FeatureConfig, Features, Representation};
 
 const BATCH: usize = 64;
 
@@ -34,15 +34,15 @@ fn windows(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
         };
         let (set, _) = WindowSet::cut(&recordings, &every_frame)?;
         let (count, shape) = (set.len(), set.shape());
-        let frames = format!("{}_{}_frames", shape.observed, shape.predicted);
+        let frames = format!("{}_{}_frames", shape.t_obs, shape.t_pred);
         group.throughput(Throughput::Elements(count as u64));
         group.bench_function(format!("cut/{name}/{count}_windows/{frames}"), |bencher| {
             bencher.iter(|| black_box(WindowSet::cut(&recordings, &every_frame)));
         });
 
         let every = (count / BATCH).max(1);
-        let seen: Vec<Seen<'_>> =
-            set.iter().step_by(every).take(BATCH).map(|window| Seen::recorded(window.observation())).collect();
+        let seen: Vec<AugmentedView<'_>> =
+            set.iter().step_by(every).take(BATCH).map(|window| AugmentedView::recorded(window.observation())).collect();
         let goals = Tensor::zeros((seen.len(), 1, 2), DType::F32, &Device::Cpu)?;
         group.throughput(Throughput::Elements(seen.len() as u64));
         for representation in [Representation::Position, Representation::Deviation] {
@@ -51,7 +51,7 @@ fn windows(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
                 length_scale: 5.,
                 velocity_window_s: 0.5,
                 history_block_s: 0.,
-                following_hint: false,
+                car_following_features: false,
             };
             let features = Features::fit(&config, shape, seen.iter().map(|seen| *seen.observation()))?;
             let id = format!("features/{name}/{representation:?}/{}_windows/{frames}", seen.len());

@@ -21,10 +21,10 @@ const KEY: &str = "gnp";
 /// The frame of every length in a checkpoint.
 const FRAME: &str = "road frame: x forward, y left, origin at the target's last observed centre, metres";
 
-/// Part of the pipeline that a checkpoint belongs to.
+/// Component of the pipeline that a checkpoint belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Part {
+pub enum Component {
     /// Goal network.
     Goal,
     /// Social force after its attraction was trained.
@@ -33,7 +33,7 @@ pub enum Part {
     Repulsion,
 }
 
-impl Part {
+impl Component {
     /// Name in file names and messages.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -48,8 +48,8 @@ impl Part {
 /// What the weights are: enough to rebuild the network and to refuse data they were not made for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
-    /// Part of the pipeline.
-    pub part: Part,
+    /// Component of the pipeline.
+    pub part: Component,
     /// Data family trained on.
     pub dataset: Dataset,
     /// Whether any training recording was simulated.
@@ -58,7 +58,7 @@ pub struct Header {
     pub shape: WindowShape,
     /// Feature configuration and the statistics of the training part.
     pub features: Features,
-    /// Goal network, for [`Part::Goal`].
+    /// Goal network, for [`Component::Goal`].
     pub goal: Option<GoalConfig>,
     /// Social force, for the other parts.
     pub traj: Option<TrajConfig>,
@@ -156,7 +156,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`] for another part, [`ModelError::Shape`] for another shape or rate.
-    pub fn expect(&self, path: &Path, part: Part, shape: Option<WindowShape>) -> Result<(), ModelError> {
+    pub fn expect(&self, path: &Path, part: Component, shape: Option<WindowShape>) -> Result<(), ModelError> {
         if self.header.part != part {
             let found = self.header.part.name();
             return Err(ModelError::checkpoint(path, format!("is of `{found}`, expected `{}`", part.name())));

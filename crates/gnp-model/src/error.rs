@@ -20,7 +20,7 @@ pub enum ModelError {
     #[error(
         "the model was made for {} observed and {} predicted frames at {} Hz, the windows have {} and {} at {} Hz: \
          set windows.rate_hz, observed_s and predicted_s to the model's, or train one for this rate",
-        needs.observed, needs.predicted, needs.rate_hz, found.observed, found.predicted, found.rate_hz
+        needs.t_obs, needs.t_pred, needs.rate_hz, found.t_obs, found.t_pred, found.rate_hz
     )]
     Shape {
         /// What the model was made for.

@@ -3,14 +3,14 @@
 use std::ops::Range;
 
 use candle_core::{Device, Tensor};
-use gnp_data::{LineKind, Observation, SLOTS, Standardiser, Window, WindowShape};
+use gnp_data::{MarkingKind, Observation, SLOTS, Standardiser, Window, WindowShape};
 use gnp_goal::GoalShape;
-use gnp_modes::{Departure, ModeFrame, Modes, from_mode_frame, to_mode_frame};
+use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
 use serde::{Deserialize, Serialize};
 
+use crate::augmented_view::AugmentedView;
 use crate::error::ModelError;
 use crate::following;
-use crate::seen::Seen;
 
 /// In which quantities the goal network sees motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,7 +40,7 @@ pub struct FeatureConfig {
     pub history_block_s: f64,
     /// Whether the goal network is also told where a textbook driver (the Intelligent Driver Model)
     /// would be behind the leader; not published.
-    pub following_hint: bool,
+    pub car_following_features: bool,
 }
 
 impl FeatureConfig {
@@ -63,9 +63,9 @@ impl FeatureConfig {
 
     /// Frames of each step of the history, from the earliest; every one ends before the next begins.
     fn blocks(&self, shape: WindowShape) -> impl Iterator<Item = Range<usize>> + use<> {
-        let frames = ((self.history_block_s * shape.rate_hz).round() as usize).clamp(1, shape.observed);
-        let left_over = shape.observed % frames;
-        (left_over..shape.observed).step_by(frames).map(move |from| from..from + frames)
+        let frames = ((self.history_block_s * shape.rate_hz).round() as usize).clamp(1, shape.t_obs);
+        let left_over = shape.t_obs % frames;
+        (left_over..shape.t_obs).step_by(frames).map(move |from| from..from + frames)
     }
 }
 
@@ -104,10 +104,10 @@ impl Features {
     ) -> Result<Self, ModelError> {
         config.check()?;
         let config = config.clone();
-        let target = training.clone().map(|o| observed_row(&config, &Seen::recorded(o)));
+        let target = training.clone().map(|o| observed_row(&config, &AugmentedView::recorded(o)));
         let observed = Standardiser::fit(target)?;
         let neighbours = training.flat_map(|o| {
-            let seen = Seen::recorded(o);
+            let seen = AugmentedView::recorded(o);
             let velocity = seen.velocity(config.velocity_window_s);
             (0..SLOTS).filter_map(|slot| neighbour_row(&config, &seen, velocity, slot)).collect::<Vec<_>>()
         });
@@ -149,7 +149,7 @@ impl Features {
             observed: self.observed.features(),
             neighbour: self.neighbour.features(),
             slots: SLOTS,
-            t_pred: self.shape.predicted,
+            t_pred: self.shape.t_pred,
         }
     }
 
@@ -157,7 +157,7 @@ impl Features {
     ///
     /// # Errors
     /// [`ModelError::Shape`] when a window has another shape than these features, candle's errors.
-    pub fn goal_inputs(&self, seen: &[Seen<'_>], device: &Device) -> Result<GoalInputs, ModelError> {
+    pub fn goal_inputs(&self, seen: &[AugmentedView<'_>], device: &Device) -> Result<GoalInputs, ModelError> {
         let (fo, fn_) = (self.observed.features(), self.neighbour.features());
         let mut observed = Vec::with_capacity(seen.len() * fo);
         let mut neighbours = vec![0f32; seen.len() * SLOTS * fn_];
@@ -187,9 +187,9 @@ impl Features {
 
     /// The true future of a window in the modes' frame, `[t_pred, 2]`, m.
     #[must_use]
-    pub fn future(&self, seen: &Seen<'_>, window: &Window<'_>) -> Vec<f32> {
+    pub fn future(&self, seen: &AugmentedView<'_>, window: &Window<'_>) -> Vec<f32> {
         let truth = window.truth();
-        let path: Vec<f32> = (0..self.shape.predicted)
+        let path: Vec<f32> = (0..self.shape.t_pred)
             .flat_map(|j| {
                 let state = seen.true_target(&truth, j);
                 [state.x, state.y]
@@ -202,7 +202,7 @@ impl Features {
     ///
     /// # Errors
     /// Those of candle.
-    pub fn futures(&self, windows: &[(Seen<'_>, Window<'_>)], device: &Device) -> Result<Tensor, ModelError> {
+    pub fn futures(&self, windows: &[(AugmentedView<'_>, Window<'_>)], device: &Device) -> Result<Tensor, ModelError> {
         let all: Vec<f32> = windows.iter().flat_map(|(seen, window)| self.future(seen, window)).collect();
         self.scaled(all, windows.len(), device)
     }
@@ -217,13 +217,13 @@ impl Features {
 
     /// A path of the goal network, `[t_pred, 2]` in the modes' frame and m, in the window's frame.
     #[must_use]
-    pub fn to_window_frame(&self, seen: &Seen<'_>, path: &[f32]) -> Vec<[f32; 2]> {
+    pub fn to_window_frame(&self, seen: &AugmentedView<'_>, path: &[f32]) -> Vec<[f32; 2]> {
         let path = from_mode_frame(path, &self.departure(seen), self.mode_frame());
         path.chunks_exact(2).map(|p| [p[0], p[1]]).collect()
     }
 
     fn scaled(&self, values: Vec<f32>, n: usize, device: &Device) -> Result<Tensor, ModelError> {
-        let tensor = Tensor::from_vec(values, (n, self.shape.predicted, 2), device)?;
+        let tensor = Tensor::from_vec(values, (n, self.shape.t_pred, 2), device)?;
         Ok((tensor / self.config.length_scale)?)
     }
 
@@ -233,28 +233,28 @@ impl Features {
     /// [`ModelError::Shape`] with both shapes.
     pub fn check_shape(&self, observation: &Observation<'_>) -> Result<(), ModelError> {
         let found = observation.shape();
-        let same = found.observed == self.shape.observed
-            && found.predicted == self.shape.predicted
+        let same = found.t_obs == self.shape.t_obs
+            && found.t_pred == self.shape.t_pred
             && (found.rate_hz - self.shape.rate_hz).abs() < 1e-6;
         if same { Ok(()) } else { Err(ModelError::Shape { needs: self.shape, found }) }
     }
 
     /// From where the modes' frame sets out.
-    fn departure(&self, seen: &Seen<'_>) -> Departure {
+    fn departure(&self, seen: &AugmentedView<'_>) -> Reference {
         let velocity = seen.velocity(self.config.velocity_window_s);
-        Departure { origin: [0.; 2], heading: 0., velocity, dt: self.shape.dt() as f32 }
+        Reference { origin: [0.; 2], heading: 0., velocity, dt: self.shape.dt() as f32 }
     }
 }
 
 /// Features of the target, before standardising.
-fn observed_row(config: &FeatureConfig, seen: &Seen<'_>) -> Vec<f32> {
+fn observed_row(config: &FeatureConfig, seen: &AugmentedView<'_>) -> Vec<f32> {
     let shape = seen.observation().shape();
-    let mut row = Vec::with_capacity(4 * shape.observed + 8 + following::SECONDS);
+    let mut row = Vec::with_capacity(4 * shape.t_obs + 8 + following::SECONDS);
     let velocity = seen.velocity(config.velocity_window_s);
     for block in config.blocks(shape) {
         row.extend(mean(block, |i| {
             let state = seen.target(i);
-            let t = (shape.observed - 1 - i) as f32 * shape.dt() as f32;
+            let t = (shape.t_obs - 1 - i) as f32 * shape.dt() as f32;
             Some(match config.representation {
                 Representation::Position => [state.x, state.y, state.vx, state.vy],
                 Representation::Deviation => [
@@ -271,7 +271,7 @@ fn observed_row(config: &FeatureConfig, seen: &Seen<'_>) -> Vec<f32> {
         row.extend(seen.observation().size());
         row.extend(nearest_lines(seen));
     }
-    if config.following_hint {
+    if config.car_following_features {
         row.extend(following::hint(seen, config.velocity_window_s));
     }
     row
@@ -288,12 +288,13 @@ fn mean<const N: usize>(block: Range<usize>, value: impl Fn(usize) -> Option<[f3
 }
 
 /// Distance to the nearest line on the right and on the left, and whether each is a boundary.
-fn nearest_lines(seen: &Seen<'_>) -> [f32; 4] {
+fn nearest_lines(seen: &AugmentedView<'_>) -> [f32; 4] {
     let lines = seen.lines();
     let right = lines.iter().rev().find(|line| line.y <= 0.);
     let left = lines.iter().find(|line| line.y > 0.);
-    let distance = |line: Option<&gnp_data::LaneLine>| line.map_or(LINE_REACH, |line| line.y.abs().min(LINE_REACH));
-    let edge = |line: Option<&gnp_data::LaneLine>| f32::from(line.is_none_or(|line| line.kind == LineKind::Boundary));
+    let distance = |line: Option<&gnp_data::LaneMarking>| line.map_or(LINE_REACH, |line| line.y.abs().min(LINE_REACH));
+    let edge =
+        |line: Option<&gnp_data::LaneMarking>| f32::from(line.is_none_or(|line| line.kind == MarkingKind::Boundary));
     [distance(right), distance(left), edge(right), edge(left)]
 }
 
@@ -306,7 +307,12 @@ fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
 }
 
 /// Features of the neighbour in `slot`, before standardising; zeros in steps without it.
-fn neighbour_row(config: &FeatureConfig, seen: &Seen<'_>, velocity: [f32; 2], slot: usize) -> Option<Vec<f32>> {
+fn neighbour_row(
+    config: &FeatureConfig,
+    seen: &AugmentedView<'_>,
+    velocity: [f32; 2],
+    slot: usize,
+) -> Option<Vec<f32>> {
     let neighbour = seen.neighbour(slot)?;
     let shape = seen.observation().shape();
     let mut row = Vec::with_capacity(neighbour_width(config, shape));
@@ -343,10 +349,10 @@ mod tests {
             length_scale: 5.,
             velocity_window_s: 0.5,
             history_block_s,
-            following_hint: false,
+            car_following_features: false,
         };
         config.check().unwrap();
-        config.blocks(WindowShape { observed, predicted: 25, step: 1, rate_hz: 10. }).collect()
+        config.blocks(WindowShape { observed, t_pred: 25, step: 1, rate_hz: 10. }).collect()
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use gnp_baselines::{Idm, Leader};
 use gnp_data::Slot;
 
-use crate::seen::Seen;
+use crate::augmented_view::AugmentedView;
 
 /// Numbers in the hint: one a second, 1 to 5 s ahead.
 pub(crate) const SECONDS: usize = 5;
@@ -17,7 +17,7 @@ const STEPS: usize = 5;
 ///
 /// Following a leader is most of what happens on a full motorway. Given as five numbers it is
 /// learned from few windows, where from the bare tracks of both it takes many.
-pub(crate) fn hint(seen: &Seen<'_>, window_s: f64) -> [f32; SECONDS] {
+pub(crate) fn hint(seen: &AugmentedView<'_>, window_s: f64) -> [f32; SECONDS] {
     let Some(ahead) = seen.neighbour(Slot::Preceding as usize) else { return [0.; SECONDS] };
     let now = ahead.now(window_s);
     let bodies = (ahead.size()[0] + seen.observation().size()[0]) / 2.;

@@ -5,18 +5,18 @@ use std::path::Path;
 use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
 use gnp_data::{
-    Explanation, Forecast, InformedPredictor, Mode, Observation, PredictError, Predictor, SLOTS, StepForces, Truth,
+    Explanation, Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, SLOTS, StepForces, Truth,
     Window, WindowShape,
 };
 use gnp_goal::GoalNet;
 use gnp_modes::Modes;
 use gnp_traj::{Phase, RollOut, Scene, SocialForce};
 
-use crate::checkpoint::{Checkpoint, Header, Part};
+use crate::augmented_view::AugmentedView;
+use crate::checkpoint::{Checkpoint, Component, Header};
 use crate::error::ModelError;
 use crate::features::Features;
 use crate::scene::NeighbourFuture;
-use crate::seen::Seen;
 use crate::select::{Selection, medoids};
 
 /// A trained GNP.
@@ -55,8 +55,8 @@ impl Gnp {
         let modes = Modes::load(&folder.join("modes.safetensors"))?;
         let path = folder.join("goal.safetensors");
         let goal = Checkpoint::load(&path)?;
-        goal.expect(&path, Part::Goal, None)?;
-        let force = [Part::Repulsion, Part::Attraction]
+        goal.expect(&path, Component::Goal, None)?;
+        let force = [Component::Repulsion, Component::Attraction]
             .into_iter()
             .map(|part| (part, folder.join(format!("{}.safetensors", part.name()))))
             .find(|(_, path)| path.exists());
@@ -89,7 +89,7 @@ impl Gnp {
         let header = goal.header.clone();
         let features = header.features.clone();
         let missing = |key| ModelError::config(key, "is missing in the checkpoint's header: train again");
-        if modes.t_pred != header.shape.predicted || modes.frame != features.mode_frame() {
+        if modes.t_pred != header.shape.t_pred || modes.frame != features.mode_frame() {
             return Err(ModelError::config("modes", "do not have the goal network's frames: cluster and train again"));
         }
         let config = header.goal.as_ref().ok_or_else(|| missing("goal"))?;
@@ -97,7 +97,8 @@ impl Gnp {
         let force = match force {
             Some(checkpoint) => {
                 let config = checkpoint.header.traj.as_ref().ok_or_else(|| missing("traj"))?;
-                let phase = if checkpoint.header.part == Part::Attraction { Phase::Attraction } else { Phase::Full };
+                let phase =
+                    if checkpoint.header.part == Component::Attraction { Phase::Attraction } else { Phase::Full };
                 Some((SocialForce::new(config, constants(checkpoint, device))?, phase))
             }
             None => None,
@@ -163,7 +164,7 @@ impl Gnp {
         TrueGoal { gnp: self }
     }
 
-    pub(crate) fn goals(&self, seen: &[Seen<'_>], k: usize) -> Result<Goals, ModelError> {
+    pub(crate) fn goals(&self, seen: &[AugmentedView<'_>], k: usize) -> Result<Goals, ModelError> {
         let inputs = self.features.goal_inputs(seen, &self.device)?;
         let k = k.min(self.modes.len()).max(1);
         let decoded = match self.selection {
@@ -174,7 +175,7 @@ impl Gnp {
         let scale = self.features.config().length_scale;
         let futures = (goals.futures * scale)?.flatten_all()?.to_vec1::<f32>()?;
         let mut out = Goals { futures: Vec::new(), probabilities: Vec::new() };
-        let path = 2 * self.features.shape().predicted;
+        let path = 2 * self.features.shape().t_pred;
         let by_window = futures.chunks_exact(path * decoded).zip(goals.probabilities.to_vec2::<f32>()?);
         for (seen, (paths, probabilities)) in seen.iter().zip(by_window) {
             let picked = match self.selection {
@@ -201,7 +202,7 @@ impl Gnp {
         if observations.is_empty() {
             return Ok(Vec::new());
         }
-        let seen: Vec<Seen<'_>> = observations.iter().map(|o| Seen::recorded(*o)).collect();
+        let seen: Vec<AugmentedView<'_>> = observations.iter().map(|o| AugmentedView::recorded(*o)).collect();
         let goals = self.goals(&seen, k)?;
         self.drive(&seen, &goals, truths)
     }
@@ -209,7 +210,7 @@ impl Gnp {
     /// Paths to goals, with the forces of every step where they are asked for.
     fn drive(
         &self,
-        seen: &[Seen<'_>],
+        seen: &[AugmentedView<'_>],
         goals: &Goals,
         truths: Option<&[Truth<'_>]>,
     ) -> Result<Vec<Forecast>, ModelError> {
@@ -325,8 +326,8 @@ fn predict_error(model: &str, error: ModelError) -> PredictError {
     match error {
         ModelError::Shape { needs, found } => PredictError::Shape {
             model: model.to_owned(),
-            needs: format!("{} + {} frames at {} Hz", needs.observed, needs.predicted, needs.rate_hz),
-            found: format!("{} + {} frames at {} Hz", found.observed, found.predicted, found.rate_hz),
+            needs: format!("{} + {} frames at {} Hz", needs.t_obs, needs.t_pred, needs.rate_hz),
+            found: format!("{} + {} frames at {} Hz", found.t_obs, found.t_pred, found.rate_hz),
         },
         other => PredictError::Model { model: model.to_owned(), source: Box::new(other) },
     }
@@ -357,7 +358,7 @@ impl Predictor for GoalHead<'_> {
         if observations.is_empty() {
             return Ok(Vec::new());
         }
-        let seen: Vec<Seen<'_>> = observations.iter().map(|o| Seen::recorded(*o)).collect();
+        let seen: Vec<AugmentedView<'_>> = observations.iter().map(|o| AugmentedView::recorded(*o)).collect();
         self.gnp.goals(&seen, k).map(plain).map_err(|e| predict_error(self.name(), e))
     }
 }
@@ -368,12 +369,12 @@ pub struct Oracle<'a> {
     gnp: &'a Gnp,
 }
 
-impl InformedPredictor for Oracle<'_> {
+impl OraclePredictor for Oracle<'_> {
     fn name(&self) -> &str {
         "gnp (oracle neighbours)"
     }
 
-    fn predict_informed(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
         let observations: Vec<_> = windows.iter().map(Window::observation).collect();
         let truths: Vec<_> = windows.iter().map(Window::truth).collect();
         self.gnp.forecast(&observations, Some(&truths), k).map_err(|e| predict_error(self.name(), e))
@@ -386,16 +387,17 @@ pub struct TrueGoal<'a> {
     gnp: &'a Gnp,
 }
 
-impl InformedPredictor for TrueGoal<'_> {
+impl OraclePredictor for TrueGoal<'_> {
     fn name(&self) -> &str {
         "gnp (true goal)"
     }
 
-    fn predict_informed(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
-        let seen: Vec<Seen<'_>> = windows.iter().map(|window| Seen::recorded(window.observation())).collect();
+    fn predict_with_future(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
+        let seen: Vec<AugmentedView<'_>> =
+            windows.iter().map(|window| AugmentedView::recorded(window.observation())).collect();
         // The force goes by the last point alone; without one the way there is straight.
         let straight = |window: &Window<'_>| {
-            let ([x, y], steps) = (window.truth().goal(), self.gnp.shape().predicted);
+            let ([x, y], steps) = (window.truth().goal(), self.gnp.shape().t_pred);
             let share = |j: usize| j as f32 / steps as f32;
             vec![(1..=steps).map(|j| [x * share(j), y * share(j)]).collect::<Vec<_>>()]
         };

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use candle_core::{D, Tensor};
-use gnp_data::{Neighbour, Observation, SLOTS, State};
+use gnp_data::{Neighbour, Observation, SLOTS, TrackState};
 use gnp_traj::{NeighbourStates, Scene};
 
+use crate::augmented_view::{AugmentedView, velocity_of};
 use crate::error::ModelError;
 use crate::gnp::{Gnp, end_points};
-use crate::seen::{Seen, velocity_of};
 
 /// The vehicles of the carriageways that a batch of windows looks at, one row each.
 struct Crowd<'a> {
@@ -31,7 +31,7 @@ struct Late<'a> {
 type Place = (String, usize, u32);
 
 impl<'a> Crowd<'a> {
-    fn around(seen: &[Seen<'a>]) -> Self {
+    fn around(seen: &[AugmentedView<'a>]) -> Self {
         let mut rows: BTreeMap<Place, usize> = BTreeMap::new();
         let mut known: Vec<Observation<'a>> = Vec::new();
         let place = |o: &Observation<'_>, track| (o.recording_name().to_owned(), track, o.frame());
@@ -71,10 +71,10 @@ impl Gnp {
     /// towards its own likeliest goal and pushed by the others. The target's own alternatives
     /// (`ends` `[batch, k, 2]`) are then driven among these paths: they do not react to the less
     /// likely ones. Vehicles without a whole observed past go straight on.
-    pub(crate) fn joint_scene(&self, seen: &[Seen<'_>], ends: Tensor) -> Result<Scene, ModelError> {
+    pub(crate) fn joint_scene(&self, seen: &[AugmentedView<'_>], ends: Tensor) -> Result<Scene, ModelError> {
         let crowd = Crowd::around(seen);
         let paths = self.joint_paths(&crowd)?;
-        let t_pred = self.shape().predicted;
+        let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
         let rows: BTreeMap<_, _> = crowd.known.iter().enumerate().map(|(row, o)| (o.key(), row)).collect();
         for (b, seen) in seen.iter().enumerate() {
@@ -96,10 +96,10 @@ impl Gnp {
     }
 
     /// States of every vehicle of the crowd when each step sets out, row by row, in its own frame.
-    fn joint_paths(&self, crowd: &Crowd<'_>) -> Result<Vec<State>, ModelError> {
+    fn joint_paths(&self, crowd: &Crowd<'_>) -> Result<Vec<TrackState>, ModelError> {
         let Some((force, phase)) = &self.force else { return Ok(Vec::new()) };
-        let (known, t_pred) = (crowd.known.len(), self.shape().predicted);
-        let seen: Vec<Seen<'_>> = crowd.known.iter().map(|o| Seen::recorded(*o)).collect();
+        let (known, t_pred) = (crowd.known.len(), self.shape().t_pred);
+        let seen: Vec<AugmentedView<'_>> = crowd.known.iter().map(|o| AugmentedView::recorded(*o)).collect();
         let ends = end_points(&self.goals(&seen, 1)?, &self.device)?;
         let total = known + crowd.late.len();
         let mut index = vec![0u32; total * SLOTS];
@@ -129,8 +129,8 @@ impl Gnp {
         let path = out.path.squeeze(1)?;
         let all = Tensor::cat(&[&path, &out.velocity.squeeze(1)?], D::Minus1)?;
         let values = all.flatten_all()?.to_vec1::<f32>()?;
-        let now = scene.observed.narrow(1, self.shape().observed - 1, 1)?.flatten_all()?.to_vec1::<f32>()?;
-        let state = |v: &[f32]| State { x: v[0], y: v[1], vx: v[2], vy: v[3] };
+        let now = scene.observed.narrow(1, self.shape().t_obs - 1, 1)?.flatten_all()?.to_vec1::<f32>()?;
+        let state = |v: &[f32]| TrackState { x: v[0], y: v[1], vx: v[2], vy: v[3] };
         let mut states = Vec::with_capacity(total * t_pred);
         for (now, steps) in now.chunks_exact(4).zip(values.chunks_exact(4 * t_pred)) {
             states.push(state(now));
@@ -147,18 +147,18 @@ impl Gnp {
         }
         let shape = self.shape();
         let (n, dt) = (crowd.late.len(), shape.dt() as f32);
-        let (mut observed, mut goals) = (Vec::with_capacity(n * shape.observed * 4), Vec::with_capacity(n * 2));
+        let (mut observed, mut goals) = (Vec::with_capacity(n * shape.t_obs * 4), Vec::with_capacity(n * 2));
         let window = self.features.config().velocity_window_s;
-        let horizon = shape.predicted as f32 * dt;
+        let horizon = shape.t_pred as f32 * dt;
         for late in &crowd.late {
             let now = velocity_of(&late.neighbour, shape, window);
-            for i in 0..shape.observed {
-                let t = (shape.observed - 1 - i) as f32 * dt;
+            for i in 0..shape.t_obs {
+                let t = (shape.t_obs - 1 - i) as f32 * dt;
                 observed.extend([-now[0] * t, -now[1] * t, now[0], now[1]]);
             }
             goals.extend([now[0] * horizon, now[1] * horizon]);
         }
-        let observed = Tensor::from_vec(observed, (n, shape.observed, 4), &self.device)?;
+        let observed = Tensor::from_vec(observed, (n, shape.t_obs, 4), &self.device)?;
         let goals = Tensor::from_vec(goals, (n, 1, 2), &self.device)?;
         scene.observed = Tensor::cat(&[&scene.observed, &observed], 0)?;
         scene.goals = Tensor::cat(&[&scene.goals, &goals], 0)?;

@@ -4,6 +4,7 @@
 //! [`gnp_data::Predictor`]. [`Features`] turns windows into what the networks take, the same for
 //! training and prediction. [`Checkpoint`] is the file format of the weights.
 
+mod augmented_view;
 mod checkpoint;
 mod error;
 mod features;
@@ -11,13 +12,12 @@ mod following;
 mod gnp;
 mod joint;
 mod scene;
-mod seen;
 mod select;
 
-pub use crate::checkpoint::{Checkpoint, Header, Part};
+pub use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
+pub use crate::checkpoint::{Checkpoint, Component, Header};
 pub use crate::error::ModelError;
 pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation};
 pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
 pub use crate::scene::NeighbourFuture;
-pub use crate::seen::{Seen, SeenNeighbour};
 pub use crate::select::Selection;

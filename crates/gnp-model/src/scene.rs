@@ -1,13 +1,13 @@
 //! Windows to the scene that the neural social force drives through.
 
 use candle_core::{Device, Tensor};
-use gnp_data::{LineKind, SLOTS, Truth};
+use gnp_data::{MarkingKind, SLOTS, Truth};
 use gnp_traj::{Lines, NeighbourStates, Neighbours, Scene};
 use serde::{Deserialize, Serialize};
 
+use crate::augmented_view::AugmentedView;
 use crate::error::ModelError;
 use crate::features::Features;
-use crate::seen::Seen;
 
 /// Where the neighbours are while the target is driven into the future.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,12 +42,12 @@ impl Features {
     /// [`ModelError::Shape`] when a window has another shape, candle's errors.
     pub fn scene(
         &self,
-        seen: &[Seen<'_>],
+        seen: &[AugmentedView<'_>],
         goals: Tensor,
         truths: Option<&[Truth<'_>]>,
         device: &Device,
     ) -> Result<Scene, ModelError> {
-        let t_pred = self.shape().predicted;
+        let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
         for (b, seen) in seen.iter().enumerate() {
             for slot in 0..SLOTS {
@@ -72,18 +72,18 @@ impl Features {
     /// As [`Features::scene`].
     pub fn scene_among(
         &self,
-        seen: &[Seen<'_>],
+        seen: &[AugmentedView<'_>],
         goals: Tensor,
         neighbours: NeighbourStates,
         device: &Device,
     ) -> Result<Scene, ModelError> {
         let shape = self.shape();
         let window = self.config().velocity_window_s;
-        let mut observed = Vec::with_capacity(seen.len() * shape.observed * 4);
+        let mut observed = Vec::with_capacity(seen.len() * shape.t_obs * 4);
         let mut mask = Vec::with_capacity(seen.len() * SLOTS);
         for seen in seen {
             self.check_shape(seen.observation())?;
-            for i in 0..shape.observed {
+            for i in 0..shape.t_obs {
                 let state = seen.target(i);
                 observed.extend([state.x, state.y, state.vx, state.vy]);
             }
@@ -95,44 +95,50 @@ impl Features {
         }
         let b = seen.len();
         Ok(Scene {
-            observed: Tensor::from_vec(observed, (b, shape.observed, 4), device)?,
+            observed: Tensor::from_vec(observed, (b, shape.t_obs, 4), device)?,
             goals,
             neighbours: Some(Neighbours { states: neighbours, present: Tensor::from_vec(mask, (b, SLOTS), device)? }),
             lines: Some(lines(seen, device)?),
             dt: shape.dt(),
-            steps: shape.predicted,
+            steps: shape.t_pred,
         })
     }
 
     /// States of the neighbour in `slot` going straight on; entry `j` is where it is when step `j`
     /// sets out, so entry 0 is the last observed frame.
-    fn straight_future(&self, seen: &Seen<'_>, slot: usize, mut put: impl FnMut(usize, [f32; 4])) {
+    fn straight_future(&self, seen: &AugmentedView<'_>, slot: usize, mut put: impl FnMut(usize, [f32; 4])) {
         let Some(neighbour) = seen.neighbour(slot) else { return };
         let now = neighbour.now(self.config().velocity_window_s);
-        for j in 0..self.shape().predicted {
+        for j in 0..self.shape().t_pred {
             let t = j as f32 * self.shape().dt() as f32;
             put(j, [now.x + now.vx * t, now.y + now.vy * t, now.vx, now.vy]);
         }
     }
 
     /// Recorded states of the neighbour in `slot`; straight on from where its record ends.
-    fn recorded_future(&self, seen: &Seen<'_>, truth: &Truth<'_>, slot: usize, mut put: impl FnMut(usize, [f32; 4])) {
+    fn recorded_future(
+        &self,
+        seen: &AugmentedView<'_>,
+        truth: &Truth<'_>,
+        slot: usize,
+        mut put: impl FnMut(usize, [f32; 4]),
+    ) {
         let Some(neighbour) = seen.neighbour(slot) else { return };
         let mut last = neighbour.now(self.config().velocity_window_s);
         let dt = self.shape().dt() as f32;
-        for j in 0..self.shape().predicted {
+        for j in 0..self.shape().t_pred {
             put(j, [last.x, last.y, last.vx, last.vy]);
             last = match seen.true_neighbour(truth, slot, j) {
                 Some(state) => state,
-                None => gnp_data::State { x: last.x + last.vx * dt, y: last.y + last.vy * dt, ..last },
+                None => gnp_data::TrackState { x: last.x + last.vx * dt, y: last.y + last.vy * dt, ..last },
             };
         }
     }
 }
 
 /// Lane lines, padded to the most that any window has.
-fn lines(seen: &[Seen<'_>], device: &Device) -> Result<Lines, ModelError> {
-    let all: Vec<_> = seen.iter().map(Seen::lines).collect();
+fn lines(seen: &[AugmentedView<'_>], device: &Device) -> Result<Lines, ModelError> {
+    let all: Vec<_> = seen.iter().map(AugmentedView::lines).collect();
     let most = all.iter().map(Vec::len).max().unwrap_or(0).max(1);
     let (mut lines, mut present) = (vec![0f32; seen.len() * most * 3], vec![0f32; seen.len() * most]);
     for (b, window) in all.iter().enumerate() {
@@ -140,9 +146,9 @@ fn lines(seen: &[Seen<'_>], device: &Device) -> Result<Lines, ModelError> {
             let at = b * most + m;
             present[at] = 1.;
             let (kind, side) = match line.kind {
-                LineKind::Centre => (0., 0.),
+                MarkingKind::LaneDivider => (0., 0.),
                 // The rightmost line has the road to its left.
-                LineKind::Boundary => (1., if m == 0 { 1. } else { -1. }),
+                MarkingKind::Boundary => (1., if m == 0 { 1. } else { -1. }),
             };
             lines[3 * at..3 * at + 3].copy_from_slice(&[line.y, kind, side]);
         }

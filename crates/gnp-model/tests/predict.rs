@@ -8,22 +8,23 @@ use std::path::Path;
 
 use candle_core::{Device, Tensor};
 use gnp_data::{
-    Columns, Dataset, LaneLine, LineKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot, State,
-    Track, VehicleClass, Window, WindowShape,
+    Columns, Dataset, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot,
+    Track, TrackState, VehicleClass, Window, WindowShape,
 };
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
-    Checkpoint, FeatureConfig, Features, Gnp, Header, ModelError, NeighbourFuture, Part, Representation, Seen,
+    AugmentedView, Checkpoint, Component, FeatureConfig, Features, Gnp, Header, ModelError, NeighbourFuture,
+    Representation,
 };
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_traj::{InputScale, Integrator, SocialForce, TrajConfig};
 
-const SHAPE: WindowShape = WindowShape { observed: 6, predicted: 9, step: 1, rate_hz: 5. };
+const SHAPE: WindowShape = WindowShape { t_obs: 6, t_pred: 9, step: 1, rate_hz: 5. };
 /// Last observed row of every test window.
 const T0: usize = 7;
 const FRAMES: usize = 20;
-const NOBODY: u32 = u32::MAX;
+const NO_TRACK: u32 = u32::MAX;
 
 /// Three vehicles on two lanes: a target, its leader, and one on its left that appears two frames
 /// before the last observed one. `mirror` exchanges left and right; `scramble` rewrites the future.
@@ -42,7 +43,7 @@ fn road(mirror: bool, scramble: bool) -> Recording {
             columns.vx.push(speed + if f >= T0 { gone } else { 0. });
             columns.vy.push(side * 0.15);
             columns.lane.push([1, 1, 2][v]);
-            let mut slots = [NOBODY; SLOTS];
+            let mut slots = [NO_TRACK; SLOTS];
             let left = if mirror { Slot::RightAlongside } else { Slot::LeftAlongside };
             let right = if mirror { Slot::LeftAlongside } else { Slot::RightAlongside };
             match v {
@@ -68,8 +69,9 @@ fn road(mirror: bool, scramble: bool) -> Recording {
             rows: start..columns.x.len(),
         });
     }
-    let line = |kind, y| LaneLine { kind, y };
-    let mut lines = vec![line(LineKind::Boundary, -1.8), line(LineKind::Centre, 1.9), line(LineKind::Boundary, 5.6)];
+    let line = |kind, y| LaneMarking { kind, y };
+    let mut lines =
+        vec![line(MarkingKind::Boundary, -1.8), line(MarkingKind::LaneDivider, 1.9), line(MarkingKind::Boundary, 5.6)];
     if mirror {
         lines.reverse();
         lines.iter_mut().for_each(|line| line.y = -line.y);
@@ -96,7 +98,7 @@ fn features(recording: &Recording, representation: Representation) -> Features {
         length_scale: 10.,
         velocity_window_s: 0.4,
         history_block_s: 0.4,
-        following_hint: true,
+        car_following_features: true,
     };
     let observations = [0, 1].map(|track| window(recording, track).observation());
     Features::fit(&config, SHAPE, observations.into_iter()).unwrap()
@@ -104,9 +106,9 @@ fn features(recording: &Recording, representation: Representation) -> Features {
 
 fn modes(features: &Features) -> Modes {
     let n = 12;
-    let futures: Vec<f32> = (0..n * SHAPE.predicted * 2).map(|i| ((i * 37 % 23) as f32 - 11.) * 0.3).collect();
+    let futures: Vec<f32> = (0..n * SHAPE.t_pred * 2).map(|i| ((i * 37 % 23) as f32 - 11.) * 0.3).collect();
     let params = ModeParams { modes: 5, seed: 3, max_iterations: 50, restarts: 1 };
-    gnp_modes::fit(&futures, SHAPE.predicted, features.mode_frame(), &params).unwrap()
+    gnp_modes::fit(&futures, SHAPE.t_pred, features.mode_frame(), &params).unwrap()
 }
 
 fn goal_config() -> GoalConfig {
@@ -118,8 +120,8 @@ fn goal_config() -> GoalConfig {
         dropout: 0.,
         probability: ProbabilityHead::Decoder,
         regression: Regression::Residual,
-        nobody: true,
-        slot_code: true,
+        null_token: true,
+        slot_embedding: true,
     }
 }
 
@@ -127,7 +129,7 @@ fn traj_config() -> TrajConfig {
     TrajConfig {
         hidden: 8,
         embedding: 7,
-        code: 6,
+        latent_dim: 6,
         encoder: vec![9],
         decoder: vec![10],
         tau_max: 1.,
@@ -145,7 +147,7 @@ fn traj_config() -> TrajConfig {
 /// Checkpoints of untrained networks: `(goal, repulsion)`.
 fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
     let header = Header {
-        part: Part::Goal,
+        part: Component::Goal,
         dataset: Dataset::Ngsim,
         simulated: false,
         shape: SHAPE,
@@ -166,7 +168,7 @@ fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
     GoalNet::new(&goal_config(), features.goal_shape(), goal.builder()).unwrap();
     let force = Weights::seeded(2, &Device::Cpu);
     SocialForce::new(&traj_config(), force.builder()).unwrap();
-    let repulsion = Header { part: Part::Repulsion, goal: None, traj: Some(traj_config()), ..header.clone() };
+    let repulsion = Header { part: Component::Repulsion, goal: None, traj: Some(traj_config()), ..header.clone() };
     (Checkpoint { header, tensors: named(&goal) }, Checkpoint { header: repulsion, tensors: named(&force) })
 }
 
@@ -189,13 +191,13 @@ fn forecasts_have_ordered_modes_whose_probabilities_sum_to_one() {
         assert!((sum - 1.).abs() < 1e-5, "{sum}");
         assert!(forecast.modes.is_sorted_by(|a, b| a.probability >= b.probability));
         for mode in &forecast.modes {
-            assert_eq!(mode.path.len(), SHAPE.predicted);
+            assert_eq!(mode.path.len(), SHAPE.t_pred);
             let why = mode.explanation.as_ref().unwrap();
-            assert_eq!(why.steps.len(), SHAPE.predicted);
+            assert_eq!(why.steps.len(), SHAPE.t_pred);
             assert_eq!(why.steps[0].k_lines.len(), 3);
             assert!(why.steps[0].tau > 0.2 && why.steps[0].tau < 1.2, "tau is sigmoid + dt");
             // The physics ends near the goal it was given.
-            let end = mode.path[SHAPE.predicted - 1];
+            let end = mode.path[SHAPE.t_pred - 1];
             let miss = (end[0] - why.goal[0]).hypot(end[1] - why.goal[1]);
             assert!(miss < 5., "{miss} m from the goal");
         }
@@ -216,7 +218,7 @@ fn forces_and_steps_explain_the_path() {
     let observation = window(&recording, 0).observation();
     let forecast = model.predict(&[observation], 2).unwrap().remove(0);
     let (dt, mode) = (SHAPE.dt() as f32, &forecast.modes[0]);
-    let start = Seen::recorded(observation).velocity(0.4);
+    let start = AugmentedView::recorded(observation).velocity(0.4);
     let (mut p, mut v) = ([0f32; 2], start);
     for (step, point) in mode.explanation.as_ref().unwrap().steps.iter().zip(&mode.path) {
         for axis in 0..2 {
@@ -242,7 +244,7 @@ fn nothing_after_the_last_observed_frame_reaches_a_prediction() {
     let (recorded, scrambled) = (road(false, false), road(false, true));
     let model = model(&recorded, NeighbourFuture::Oracle);
     let informed = |recording: &Recording| {
-        gnp_data::InformedPredictor::predict_informed(&model.oracle(), &[window(recording, 0)], 4).unwrap()
+        gnp_data::OraclePredictor::predict_with_future(&model.oracle(), &[window(recording, 0)], 4).unwrap()
     };
     assert_ne!(informed(&recorded), informed(&scrambled));
 }
@@ -253,12 +255,12 @@ fn a_true_goal_is_the_only_one() {
     let recording = road(false, false);
     let model = model(&recording, NeighbourFuture::ConstantVelocity).explaining(true);
     let windows = [0, 1].map(|track| window(&recording, track));
-    let forecasts = gnp_data::InformedPredictor::predict_informed(&model.true_goal(), &windows, 4).unwrap();
+    let forecasts = gnp_data::OraclePredictor::predict_with_future(&model.true_goal(), &windows, 4).unwrap();
     for (window, forecast) in windows.iter().zip(&forecasts) {
         let [mode] = &forecast.modes[..] else { panic!("{} modes", forecast.modes.len()) };
         assert_eq!((mode.probability, mode.explanation.as_ref().unwrap().goal), (1., window.truth().goal()));
     }
-    assert!(gnp_data::InformedPredictor::predict_informed(&model.true_goal(), &[], 4).unwrap().is_empty());
+    assert!(gnp_data::OraclePredictor::predict_with_future(&model.true_goal(), &[], 4).unwrap().is_empty());
 }
 
 #[test]
@@ -282,10 +284,10 @@ fn joint_neighbours_take_their_own_predicted_paths() {
 fn a_mirrored_road_is_seen_in_the_mirror() {
     let (road, mirrored) = (road(false, false), road(true, false));
     let features = features(&road, Representation::Deviation);
-    let inputs = |seen: Seen<'_>| features.goal_inputs(&[seen], &Device::Cpu).unwrap();
-    let a = inputs(Seen::recorded(window(&mirrored, 0).observation()));
-    let b = inputs(Seen::mirrored(window(&road, 0).observation()));
-    let c = inputs(Seen::recorded(window(&road, 0).observation()));
+    let inputs = |seen: AugmentedView<'_>| features.goal_inputs(&[seen], &Device::Cpu).unwrap();
+    let a = inputs(AugmentedView::recorded(window(&mirrored, 0).observation()));
+    let b = inputs(AugmentedView::mirrored(window(&road, 0).observation()));
+    let c = inputs(AugmentedView::recorded(window(&road, 0).observation()));
     let flat = |tensor: &Tensor| tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap();
     for (a, b) in flat(&a.observed).into_iter().zip(flat(&b.observed)) {
         assert!((a - b).abs() < 1e-4, "{a} {b}");
@@ -295,9 +297,9 @@ fn a_mirrored_road_is_seen_in_the_mirror() {
     for (a, b) in flat(&a.neighbours).into_iter().zip(flat(&b.neighbours)) {
         assert!((a - b).abs() < 1e-4, "{a} {b}");
     }
-    let future = |seen: Seen<'_>, window: Window<'_>| features.future(&seen, &window);
-    let a = future(Seen::recorded(window(&mirrored, 0).observation()), window(&mirrored, 0));
-    let b = future(Seen::mirrored(window(&road, 0).observation()), window(&road, 0));
+    let future = |seen: AugmentedView<'_>, window: Window<'_>| features.future(&seen, &window);
+    let a = future(AugmentedView::recorded(window(&mirrored, 0).observation()), window(&mirrored, 0));
+    let b = future(AugmentedView::mirrored(window(&road, 0).observation()), window(&road, 0));
     for (a, b) in a.into_iter().zip(b) {
         assert!((a - b).abs() < 1e-4, "{a} {b}");
     }
@@ -307,26 +309,28 @@ fn a_mirrored_road_is_seen_in_the_mirror() {
 fn a_stretch_multiplies_what_lies_along_the_road_and_nothing_else() {
     let recording = road(false, false);
     let window = window(&recording, 0);
-    let (plain, stretched) =
-        (Seen::recorded(window.observation()), Seen::recorded(window.observation()).stretched(0.5).stretched(3.));
+    let (plain, scaled_along_road) = (
+        AugmentedView::recorded(window.observation()),
+        AugmentedView::recorded(window.observation()).scaled_along_road(0.5).scaled_along_road(3.),
+    );
     let close = |a: f32, b: f32| assert!((a - b).abs() < 1e-3 * (1. + b.abs()), "{a} {b}");
-    let same = |a: State, b: State| {
+    let same = |a: TrackState, b: TrackState| {
         for (a, b) in [(a.x, 1.5 * b.x), (a.vx, 1.5 * b.vx), (a.y, b.y), (a.vy, b.vy)] {
             close(a, b);
         }
     };
-    same(stretched.target(0), plain.target(0));
-    same(stretched.true_target(&window.truth(), 3), plain.true_target(&window.truth(), 3));
-    close(stretched.velocity(0.5)[0], 1.5 * plain.velocity(0.5)[0]);
+    same(scaled_along_road.target(0), plain.target(0));
+    same(scaled_along_road.true_target(&window.truth(), 3), plain.true_target(&window.truth(), 3));
+    close(scaled_along_road.velocity(0.5)[0], 1.5 * plain.velocity(0.5)[0]);
     let mut neighbours = 0;
     for slot in 0..SLOTS {
-        let (Some(a), Some(b)) = (stretched.neighbour(slot), plain.neighbour(slot)) else { continue };
+        let (Some(a), Some(b)) = (scaled_along_road.neighbour(slot), plain.neighbour(slot)) else { continue };
         neighbours += 1;
         same(a.now(0.5), b.now(0.5));
         assert_eq!(a.size(), b.size());
     }
     assert!(neighbours > 0);
-    assert_eq!(stretched.lines(), plain.lines());
+    assert_eq!(scaled_along_road.lines(), plain.lines());
 }
 
 #[test]
@@ -334,7 +338,7 @@ fn the_hint_says_what_the_leader_is_like() {
     let recording = road(false, false);
     let features = features(&recording, Representation::Deviation);
     let observed = |track: usize| {
-        let seen = [Seen::recorded(window(&recording, track).observation())];
+        let seen = [AugmentedView::recorded(window(&recording, track).observation())];
         let inputs = features.goal_inputs(&seen, &Device::Cpu).unwrap();
         inputs.observed.flatten_all().unwrap().to_vec1::<f32>().unwrap()
     };
@@ -352,7 +356,7 @@ fn futures_come_back_from_the_modes_frame() {
     for representation in [Representation::Position, Representation::Deviation] {
         let features = features(&recording, representation);
         let window = window(&recording, 0);
-        let seen = Seen::recorded(window.observation());
+        let seen = AugmentedView::recorded(window.observation());
         let back = features.to_window_frame(&seen, &features.future(&seen, &window));
         for (j, point) in back.iter().enumerate() {
             let truth = window.truth().target(j);
@@ -417,12 +421,12 @@ fn a_wrong_rate_is_refused_with_both_rates() {
     let features = features(&recording, Representation::Deviation);
     let (goal, _) = checkpoints(&features);
     let other = WindowShape { rate_hz: 10., ..SHAPE };
-    let error = goal.expect(Path::new("goal.safetensors"), Part::Goal, Some(other)).unwrap_err();
+    let error = goal.expect(Path::new("goal.safetensors"), Component::Goal, Some(other)).unwrap_err();
     assert!(matches!(error, ModelError::Shape { .. }));
     assert!(error.to_string().contains("5 Hz") && error.to_string().contains("10 Hz"), "{error}");
 
     let model = model(&recording, NeighbourFuture::ConstantVelocity);
-    let other = WindowShape { observed: 4, ..SHAPE };
+    let other = WindowShape { t_obs: 4, ..SHAPE };
     let observation = Observation::new(&recording, other, 0, T0).unwrap();
     let error = model.predict(&[observation], 3).unwrap_err().to_string();
     assert!(error.contains("6 + 9 frames") && error.contains("4 + 9 frames"), "{error}");

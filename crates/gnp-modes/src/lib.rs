@@ -28,5 +28,5 @@ mod store;
 pub use crate::error::ModeError;
 pub use crate::fit::fit;
 pub use crate::modes::{ModeDistance, Modes};
-pub use crate::normalise::{Departure, ModeFrame, from_mode_frame, to_mode_frame};
+pub use crate::normalise::{ModeFrame, Reference, from_mode_frame, to_mode_frame};
 pub use crate::params::ModeParams;

@@ -16,7 +16,7 @@ pub enum ModeFrame {
 
 /// From where and how fast a vehicle sets out: its state in the last observed frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Departure {
+pub struct Reference {
     /// Last observed position, m.
     pub origin: [f32; 2],
     /// Direction of travel, rad, counter-clockwise from x. 0 in the travel-aligned road frame.
@@ -27,7 +27,7 @@ pub struct Departure {
     pub dt: f32,
 }
 
-impl Departure {
+impl Reference {
     /// Where constant velocity is at step `j`, in the frame of the path, m.
     fn drift(&self, j: usize, frame: ModeFrame) -> [f64; 2] {
         let [x, y] = self.origin.map(f64::from);
@@ -44,7 +44,7 @@ impl Departure {
 /// A path `[t_pred, 2]` in the frame of `departure`, moved into a mode's `frame`: subtract what the
 /// frame subtracts, then turn the heading onto x. A last odd value is left out.
 #[must_use]
-pub fn to_mode_frame(path: &[f32], departure: &Departure, frame: ModeFrame) -> Vec<f32> {
+pub fn to_mode_frame(path: &[f32], departure: &Reference, frame: ModeFrame) -> Vec<f32> {
     let (sin, cos) = f64::from(departure.heading).sin_cos();
     path.chunks_exact(2)
         .enumerate()
@@ -58,7 +58,7 @@ pub fn to_mode_frame(path: &[f32], departure: &Departure, frame: ModeFrame) -> V
 
 /// The inverse of [`to_mode_frame`].
 #[must_use]
-pub fn from_mode_frame(path: &[f32], departure: &Departure, frame: ModeFrame) -> Vec<f32> {
+pub fn from_mode_frame(path: &[f32], departure: &Reference, frame: ModeFrame) -> Vec<f32> {
     let (sin, cos) = f64::from(departure.heading).sin_cos();
     path.chunks_exact(2)
         .enumerate()
@@ -74,7 +74,7 @@ pub fn from_mode_frame(path: &[f32], departure: &Departure, frame: ModeFrame) ->
 mod tests {
     use super::*;
 
-    const SLANTED: Departure = Departure { origin: [3., -7.], heading: 0.4, velocity: [12., 5.], dt: 0.1 };
+    const SLANTED: Reference = Reference { origin: [3., -7.], heading: 0.4, velocity: [12., 5.], dt: 0.1 };
 
     #[test]
     fn there_and_back_is_where_we_were() {
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn the_heading_is_turned_onto_x() {
-        let north = Departure { origin: [1., 2.], heading: std::f32::consts::FRAC_PI_2, velocity: [0., 0.], dt: 1. };
+        let north = Reference { origin: [1., 2.], heading: std::f32::consts::FRAC_PI_2, velocity: [0., 0.], dt: 1. };
         // Three metres ahead, then one to the left of it.
         let moved = to_mode_frame(&[1., 5., 0., 5.], &north, ModeFrame::Position);
         for (a, b) in moved.iter().zip([3., 0., 3., 1.]) {

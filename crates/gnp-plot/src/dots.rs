@@ -26,7 +26,7 @@ pub struct DotRow {
     /// Its name.
     pub name: String,
     /// It is handed recorded futures: drawn hollow, and said so.
-    pub told: bool,
+    pub uses_future: bool,
     /// A value for each column of the panel, `None` where it has none.
     pub dots: Vec<Option<Dot>>,
     /// Written behind the row, such as the last value.
@@ -66,7 +66,7 @@ pub struct DotPanel {
 #[must_use]
 pub fn dot_rows(name: &str, title: &str, caption: &str, panels: &[DotPanel], source: &Source) -> Figure {
     let mut sheet = Sheet::new(name, title);
-    if panels.iter().flat_map(|panel| &panel.rows).any(|row| row.told) {
+    if panels.iter().flat_map(|panel| &panel.rows).any(|row| row.uses_future) {
         legend(&mut sheet);
     }
     for panel in panels {
@@ -78,9 +78,9 @@ pub fn dot_rows(name: &str, title: &str, caption: &str, panels: &[DotPanel], sou
 
 fn legend(sheet: &mut Sheet) {
     let mut legend = Legend::under(sheet.y);
-    for (told, words) in [(false, "sees the past alone"), (true, "is handed recorded futures (future input)")] {
+    for (uses_future, words) in [(false, "sees the past alone"), (true, "is handed recorded futures (future input)")] {
         let [x, y] = legend.place(10., words);
-        marker(&mut sheet.svg, [x + 4., y - 3.], told, NEIGHBOURS);
+        marker(&mut sheet.svg, [x + 4., y - 3.], uses_future, NEIGHBOURS);
         sheet.svg.text([x + 12., y], words, &format!("font-size=\"9\" fill=\"{INK}\""));
     }
     sheet.y = legend.bottom();
@@ -125,7 +125,7 @@ fn row_at(svg: &mut Svg, panel: &Panel, row: &DotRow, index: usize, y: f64) {
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
     let [left, _, width, _] = panel.place;
     let colour = if index == 0 { BEST } else { NEIGHBOURS };
-    svg.group(&format!("class=\"row{}\"", if row.told { " told" } else { "" }));
+    svg.group(&format!("class=\"row{}\"", if row.uses_future { " uses_future" } else { "" }));
     svg.line([left, y], [left + width, y], &format!("stroke=\"{GRID}\" stroke-width=\"0.6\""));
     let weight = if index == 0 { "font-weight=\"bold\"" } else { "" };
     svg.text([NAMES, y + 3.2], &row.name, &format!("class=\"name\" text-anchor=\"end\" {weight} {small}"));
@@ -140,14 +140,14 @@ fn row_at(svg: &mut Svg, panel: &Panel, row: &DotRow, index: usize, y: f64) {
         match dot.value {
             value if value < from => beyond(svg, [left, y], -1., colour),
             value if value > to => beyond(svg, [left + width, y], 1., colour),
-            value => marker(svg, [panel.at(value, 0.)[0], y], row.told, colour),
+            value => marker(svg, [panel.at(value, 0.)[0], y], row.uses_future, colour),
         }
     }
     svg.end();
 }
 
-fn marker(svg: &mut Svg, at: [f64; 2], told: bool, colour: &str) {
-    let fill = if told { "#fff" } else { colour };
+fn marker(svg: &mut Svg, at: [f64; 2], uses_future: bool, colour: &str) {
+    let fill = if uses_future { "#fff" } else { colour };
     svg.circle(at, 2.6, &format!("class=\"dot\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.2\""));
 }
 
@@ -159,7 +159,7 @@ fn beyond(svg: &mut Svg, [x, y]: [f64; 2], way: f64, colour: &str) {
 
 fn axis_of(panel: &DotPanel) -> Axis {
     // Differences of what is handed the future are so large that they would hide all others.
-    let counts = |row: &&DotRow| !(row.told && panel.scaling == DotScaling::Difference);
+    let counts = |row: &&DotRow| !(row.uses_future && panel.scaling == DotScaling::Difference);
     let dots = || panel.rows.iter().filter(counts).flat_map(|row| row.dots.iter().flatten());
     let ends = || dots().flat_map(|dot| dot.interval.into_iter().flatten().chain([dot.value]));
     let range = ends().filter(|v| v.is_finite());

@@ -1,8 +1,8 @@
 //! The potential that neighbours and lane lines make around a vehicle, as a heat map with iso-lines.
 
-use gnp_data::{LineKind, SLOTS};
+use gnp_data::{MarkingKind, SLOTS};
 use gnp_force::nalgebra::Vector2;
-use gnp_force::{LineKind as Law, Side, line_potential, vehicle_potential};
+use gnp_force::{MarkingKind as Law, Side, line_potential, vehicle_potential};
 
 use crate::axes::{nice, shown};
 use crate::figure::{Figure, Sheet, Source};
@@ -44,8 +44,8 @@ impl Potential {
             vehicle_potential(r, f64::from(*k), self.r_col)
         };
         let last = scene.lines.len().saturating_sub(1);
-        let line = |(i, (line, k)): (usize, (&gnp_data::LaneLine, &f32))| {
-            let kind = if line.kind == LineKind::Centre { Law::Centre } else { Law::Boundary };
+        let line = |(i, (line, k)): (usize, (&gnp_data::LaneMarking, &f32))| {
+            let kind = if line.kind == MarkingKind::LaneDivider { Law::Centre } else { Law::Boundary };
             let side = if i == last && last > 0 { Side::Right } else { Side::Left };
             line_potential(kind, y - f64::from(line.y), f64::from(*k), side)
         };
@@ -87,7 +87,7 @@ pub fn potential_field(scene: &Scene, potential: &Potential, source: &Source) ->
     let [left, _, width, _] = view.panel.place;
     for line in &scene.lines {
         let at = view.panel.at(0., line.y.into())[1];
-        let dashes = if line.kind == LineKind::Centre { "stroke-dasharray=\"7 6\"" } else { "" };
+        let dashes = if line.kind == MarkingKind::LaneDivider { "stroke-dasharray=\"7 6\"" } else { "" };
         sheet.svg.line(
             [left, at],
             [left + width, at],

@@ -39,6 +39,6 @@ pub use crate::reliability::{GivenMode, ReliabilityBin, reliability, reliability
 pub use crate::report::{
     PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedVehicle, Report, ReportTable,
 };
-pub use crate::scene::{Box2, Other, Scene};
+pub use crate::scene::{Other, Scene, VehicleBox};
 pub use crate::select::{Manoeuvre, SceneRule, find_scene, manoeuvre, quantiles};
-pub use crate::space_time::{Forecast1, SpaceTime, Trace, space_time};
+pub use crate::space_time::{LongitudinalForecast, SpaceTime, Trace, space_time};

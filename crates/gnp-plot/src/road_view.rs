@@ -1,6 +1,6 @@
 //! A stretch of road seen from above: lanes, boxes, histories, paths, arrows.
 
-use gnp_data::LineKind;
+use gnp_data::MarkingKind;
 
 use crate::axes::{Axis, Panel};
 use crate::figure::{Legend, WIDTH};
@@ -81,8 +81,10 @@ impl RoadView {
         for line in &scene.lines {
             let y = y_of(line.y);
             let style = match line.kind {
-                LineKind::Boundary => "class=\"lane boundary\" stroke=\"#333\" stroke-width=\"1.4\"",
-                LineKind::Centre => "class=\"lane centre\" stroke=\"#777\" stroke-width=\"1\" stroke-dasharray=\"7 6\"",
+                MarkingKind::Boundary => "class=\"lane boundary\" stroke=\"#333\" stroke-width=\"1.4\"",
+                MarkingKind::LaneDivider => {
+                    "class=\"lane centre\" stroke=\"#777\" stroke-width=\"1\" stroke-dasharray=\"7 6\""
+                }
             };
             svg.line([left, y], [left + width, y], style);
         }

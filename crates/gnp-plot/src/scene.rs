@@ -1,10 +1,10 @@
 //! One window as it is drawn: road, vehicles, what was seen, what was forecast, what happened.
 
-use gnp_data::{Forecast, LaneLine, Mode, Window};
+use gnp_data::{Forecast, LaneMarking, Mode, Window};
 
 /// A vehicle's box: centre, length and width, m, window frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Box2 {
+pub struct VehicleBox {
     /// Centre, forward and left, m.
     pub centre: [f32; 2],
     /// Length and width, m.
@@ -15,7 +15,7 @@ pub struct Box2 {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Other {
     /// At the last observed frame.
-    pub now: Box2,
+    pub now: VehicleBox,
     /// Its observed centres, m, oldest first.
     pub history: Vec<[f32; 2]>,
 }
@@ -27,7 +27,7 @@ pub struct Scene {
     /// What the window is, in a few words.
     pub title: String,
     /// Lane lines from right to left.
-    pub lines: Vec<LaneLine>,
+    pub lines: Vec<LaneMarking>,
     /// Length and width of the target, m.
     pub size: [f32; 2],
     /// Observed centres of the target, the origin last.
@@ -50,10 +50,10 @@ impl Scene {
     pub fn of(window: &Window<'_>, forecast: Forecast, title: String) -> Self {
         let (seen, truth) = (window.observation(), window.truth());
         let shape = seen.shape();
-        let point = |s: gnp_data::State| [s.x, s.y];
+        let point = |s: gnp_data::TrackState| [s.x, s.y];
         let mut lane_changes = Vec::new();
         let mut lane = seen.lane();
-        for j in 0..shape.predicted {
+        for j in 0..shape.t_pred {
             let next = truth.lane(j);
             if next != lane && next != 0 && lane != 0 {
                 lane_changes.push(point(truth.target(j)));
@@ -61,15 +61,15 @@ impl Scene {
             lane = next;
         }
         let others = seen.others().map(|other| Other {
-            now: Box2 { centre: point(other.now()), size: other.size() },
-            history: (0..shape.observed).filter_map(|i| other.state(i).map(point)).collect(),
+            now: VehicleBox { centre: point(other.now()), size: other.size() },
+            history: (0..shape.t_obs).filter_map(|i| other.state(i).map(point)).collect(),
         });
         Self {
             title,
             lines: seen.lines().collect(),
             size: seen.size(),
-            history: (0..shape.observed).map(|i| point(seen.target(i))).collect(),
-            truth: (0..shape.predicted).map(|j| point(truth.target(j))).collect(),
+            history: (0..shape.t_obs).map(|i| point(seen.target(i))).collect(),
+            truth: (0..shape.t_pred).map(|j| point(truth.target(j))).collect(),
             lane_changes,
             others: others.collect(),
             modes: forecast.modes,

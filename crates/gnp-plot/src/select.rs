@@ -1,6 +1,6 @@
 //! Scenes found in the data by rule.
 
-use gnp_data::{LineKind, Observation, Window};
+use gnp_data::{MarkingKind, Observation, Window};
 
 /// Lateral way of a lane change, m.
 const CHANGE: f32 = 2.5;
@@ -39,7 +39,7 @@ pub fn manoeuvre(window: &Window<'_>) -> Option<Manoeuvre> {
     let [_, y] = window.truth().goal();
     let (low, high) = (y.min(0.), y.max(0.));
     let crossed =
-        window.observation().lines().any(|l| l.kind == LineKind::Centre && l.y > low + 0.6 && l.y < high - 0.6);
+        window.observation().lines().any(|l| l.kind == MarkingKind::LaneDivider && l.y > low + 0.6 && l.y < high - 0.6);
     match y {
         _ if y.abs() < STRAIGHT && !crossed => Some(Manoeuvre::Straight),
         _ if y > CHANGE && crossed => Some(Manoeuvre::Left),
@@ -79,7 +79,7 @@ impl SceneRule {
         let seen = window.observation();
         let near = near(&seen, |_| true);
         // Tracks near an end of the recording have few neighbours only because these were not recorded.
-        let slow = i64::from(-(seen.target(seen.shape().observed - 1).vx.min(40.) as i32));
+        let slow = i64::from(-(seen.target(seen.shape().t_obs - 1).vx.min(40.) as i32));
         match (self, what) {
             (Self::StraightWithTraffic, Manoeuvre::Straight) => Some((near, -slow)),
             (Self::ChangeAgainstTraffic, Manoeuvre::Left) => Some((self::near(&seen, |y| y > 1.), near)),

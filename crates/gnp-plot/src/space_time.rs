@@ -14,7 +14,7 @@ pub struct Trace {
 
 /// A forecast made at the first point, of the likeliest future.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Forecast1 {
+pub struct LongitudinalForecast {
     /// Time, s, and distance along the road, m; the first is the last observed one.
     pub points: Vec<[f64; 2]>,
 }
@@ -27,7 +27,7 @@ pub struct SpaceTime {
     /// The vehicles.
     pub traces: Vec<Trace>,
     /// The forecasts.
-    pub forecasts: Vec<Forecast1>,
+    pub forecasts: Vec<LongitudinalForecast>,
 }
 
 /// Vehicles as lines coloured by speed, slopes are speeds; forecasts dark red on top.

@@ -5,11 +5,11 @@
 mod drawing;
 
 use drawing::{Element, of, read};
-use gnp_data::{Explanation, LaneLine, LineKind, Mode, SLOTS, StepForces};
+use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS, StepForces};
 use gnp_plot::{
-    Box2, Case, ChartPanel, Dot, DotPanel, DotRow, DotScaling, Figure, Forecast1, GivenMode, Intentions, Other,
-    Potential, Scaling, Scene, Series, Source, SpaceTime, Trace, cases, charts, dot_note, dot_rows, force_scenes,
-    intentions, potential_field, reliability, reliability_bins, space_time,
+    Case, ChartPanel, Dot, DotPanel, DotRow, DotScaling, Figure, GivenMode, Intentions, LongitudinalForecast, Other,
+    Potential, Scaling, Scene, Series, Source, SpaceTime, Trace, VehicleBox, cases, charts, dot_note, dot_rows,
+    force_scenes, intentions, potential_field, reliability, reliability_bins, space_time,
 };
 
 const STEPS: usize = 25;
@@ -20,7 +20,7 @@ fn source(simulated: bool) -> Source {
 
 /// Three lanes; the target goes ahead and to the left; others at known places.
 fn scene() -> Scene {
-    let line = |kind, y| LaneLine { kind, y };
+    let line = |kind, y| LaneMarking { kind, y };
     let path = |slope: f32| (1..=STEPS).map(|j| [2. * j as f32, slope * j as f32]).collect::<Vec<_>>();
     let step = StepForces {
         goal: [1.5, 0.75],
@@ -33,14 +33,15 @@ fn scene() -> Scene {
     };
     let explanation = Explanation { goal: [52., 4.], steps: vec![step; STEPS] };
     let mode = |probability, slope, explanation| Mode { probability, path: path(slope), explanation };
-    let other = |x, y| Other { now: Box2 { centre: [x, y], size: [5., 2.] }, history: vec![[x - 20., y], [x, y]] };
+    let other =
+        |x, y| Other { now: VehicleBox { centre: [x, y], size: [5., 2.] }, history: vec![[x - 20., y], [x, y]] };
     Scene {
         title: "a scene".to_owned(),
         lines: vec![
-            line(LineKind::Boundary, -5.25),
-            line(LineKind::Centre, -1.75),
-            line(LineKind::Centre, 1.75),
-            line(LineKind::Boundary, 5.25),
+            line(MarkingKind::Boundary, -5.25),
+            line(MarkingKind::LaneDivider, -1.75),
+            line(MarkingKind::LaneDivider, 1.75),
+            line(MarkingKind::Boundary, 5.25),
         ],
         size: [4.5, 1.8],
         history: (0..11).map(|i| [2. * (i as f32 - 10.), 0.]).collect(),
@@ -68,7 +69,7 @@ fn every_figure(simulated: bool) -> Vec<Figure> {
     let lane = SpaceTime {
         title: "lane 2".to_owned(),
         traces: vec![Trace { points: vec![[0., 0.], [1., 10.], [2., 30.]] }],
-        forecasts: vec![Forecast1 { points: vec![[1., 10.], [3., 40.]] }],
+        forecasts: vec![LongitudinalForecast { points: vec![[1., 10.], [3., 40.]] }],
     };
     let case = Case { kind: "left".to_owned(), scene: scene.clone() };
     vec![
@@ -85,9 +86,9 @@ fn every_figure(simulated: bool) -> Vec<Figure> {
 
 fn rows_of_dots() -> Vec<DotPanel> {
     let dot = |value: f64| Some(Dot { value, interval: Some([0.8 * value, 1.2 * value]) });
-    let row = |name: &str, told, dots: &[Option<Dot>]| DotRow {
+    let row = |name: &str, uses_future, dots: &[Option<Dot>]| DotRow {
         name: name.to_owned(),
-        told,
+        uses_future,
         dots: dots.to_vec(),
         note: dot_note(12.345),
     };
@@ -101,7 +102,7 @@ fn rows_of_dots() -> Vec<DotPanel> {
     };
     let first = row("gnp", false, &[dot(1.), dot(4.)]);
     let errors =
-        vec![first, row("constant acceleration", false, &[dot(2.), None]), row("told", true, &[dot(3.), None])];
+        vec![first, row("constant acceleration", false, &[dot(2.), None]), row("uses_future", true, &[dot(3.), None])];
     let at = |value| Some(Dot { value, interval: None });
     let differences = vec![
         row("gnp", false, &[at(0.)]),
@@ -304,7 +305,7 @@ fn rows_of_dots_stand_at_their_values() {
     // Logarithmic: 1 to 2 is as far as 2 to 4.
     let x = |i: usize| dots[i].number("cx");
     assert!((x(2) - x(0) - (x(1) - x(2))).abs() < 0.05, "{} {} {}", x(0), x(2), x(1));
-    assert!(dots[3].is("told") && dots[3].attributes["fill"] == "#fff" && dots[0].attributes["fill"] != "#fff");
+    assert!(dots[3].is("uses_future") && dots[3].attributes["fill"] == "#fff" && dots[0].attributes["fill"] != "#fff");
     let interval = of(&elements, "line", "interval")[0];
     assert!(interval.number("x1") < x(0) && interval.number("x2") > x(0));
     assert!(elements.iter().any(|e| e.text.contains("future input")));
@@ -313,7 +314,7 @@ fn rows_of_dots_stand_at_their_values() {
     assert!((x(4) - zero).abs() < 0.01 && x(5) > zero + 5.);
     // What is handed the future does not set the axis: it lies beyond, on the better side.
     let beyond = of(&elements, "path", "beyond")[0];
-    assert!(beyond.is("told") && beyond.points()[0][0] < zero);
+    assert!(beyond.is("uses_future") && beyond.points()[0][0] < zero);
 }
 
 #[test]

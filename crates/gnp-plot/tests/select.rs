@@ -3,23 +3,23 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)] // helpers of tests
 
 use gnp_data::{
-    Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, Window,
+    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, Window,
     WindowShape,
 };
 use gnp_plot::{Manoeuvre, Scene, SceneRule, find_scene, manoeuvre};
 
 /// 1 s observed, 2 s predicted at 10 Hz.
-const SHAPE: WindowShape = WindowShape { observed: 11, predicted: 20, step: 1, rate_hz: 10. };
+const SHAPE: WindowShape = WindowShape { t_obs: 11, t_pred: 20, step: 1, rate_hz: 10. };
 const ROWS: usize = 31;
 
 /// Vehicles at 20 m/s on three lanes, each with a start and a lateral way per second after 1 s.
 fn recording(vehicles: &[(f32, f32, f32)]) -> Recording {
-    let line = |kind, y| LaneLine { kind, y };
+    let line = |kind, y| LaneMarking { kind, y };
     let lines = vec![
-        line(LineKind::Boundary, -1.75),
-        line(LineKind::Centre, 1.75),
-        line(LineKind::Centre, 5.25),
-        line(LineKind::Boundary, 8.75),
+        line(MarkingKind::Boundary, -1.75),
+        line(MarkingKind::LaneDivider, 1.75),
+        line(MarkingKind::LaneDivider, 5.25),
+        line(MarkingKind::Boundary, 8.75),
     ];
     let (mut columns, mut tracks) = (Columns::default(), Vec::new());
     for (vehicle, (x, y, drift)) in vehicles.iter().enumerate() {
@@ -62,7 +62,7 @@ fn recording(vehicles: &[(f32, f32, f32)]) -> Recording {
 }
 
 fn windows(recording: &Recording) -> Vec<Window<'_>> {
-    let last = |track: &Track| track.rows.start + SHAPE.observed - 1;
+    let last = |track: &Track| track.rows.start + SHAPE.t_obs - 1;
     recording.tracks().iter().enumerate().filter_map(|(i, t)| Window::new(recording, SHAPE, i, last(t))).collect()
 }
 

@@ -38,4 +38,4 @@ pub use crate::encode::{CAN_ENCODE, VIEWER, encode};
 pub use crate::error::ReplayError;
 pub use crate::record::{Drawing, Record, Row};
 pub use crate::records::{ARROW_M, POINTS_APART_S, RING_M, records};
-pub use crate::scene::{Moment, Scene, SceneForecast, Vehicle};
+pub use crate::scene::{Scene, SceneForecast, TimedState, Vehicle};

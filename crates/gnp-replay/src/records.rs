@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use gnp_data::{LaneLine, LineKind, Mode, SLOTS, StepForces, VehicleClass};
+use gnp_data::{LaneMarking, MarkingKind, Mode, SLOTS, StepForces, VehicleClass};
 
 use crate::colour::Colour;
 use crate::record::{Drawing, Record, Row};
@@ -70,10 +70,10 @@ fn road(scene: &Scene, entities: &mut Entities) {
     }
     let ends = [low - BEYOND_M, high + BEYOND_M];
     for (entity, kind, colour, radius) in [
-        ("/road/boundaries", LineKind::Boundary, Colour::BOUNDARY, 1.5),
-        ("/road/centre_lines", LineKind::Centre, Colour::CENTRE_LINE, 0.75),
+        ("/road/boundaries", MarkingKind::Boundary, Colour::BOUNDARY, 1.5),
+        ("/road/centre_lines", MarkingKind::LaneDivider, Colour::CENTRE_LINE, 0.75),
     ] {
-        let lines: Vec<&LaneLine> = scene.lines.iter().filter(|line| line.kind == kind).collect();
+        let lines: Vec<&LaneMarking> = scene.lines.iter().filter(|line| line.kind == kind).collect();
         let strips = lines.iter().map(|line| ends.map(|x| [x, line.y]).to_vec()).collect();
         let colours = vec![colour; lines.len()];
         entities.add(entity, None, Drawing::Strips { strips, colours, radius, labels: Vec::new() });

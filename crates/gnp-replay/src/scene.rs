@@ -1,6 +1,6 @@
 //! A stretch of a recording with forecasts in it.
 
-use gnp_data::{LaneLine, Mode, VehicleClass};
+use gnp_data::{LaneMarking, Mode, VehicleClass};
 
 /// One carriageway of a recording over some time. Positions are in the road frame, m.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -14,7 +14,7 @@ pub struct Scene {
     /// Frames of the recording from one moment of a vehicle to the next.
     pub frame_step: u32,
     /// Lane lines.
-    pub lines: Vec<LaneLine>,
+    pub lines: Vec<LaneMarking>,
     /// Vehicles; two with the same number are two stretches of one vehicle.
     pub vehicles: Vec<Vehicle>,
     /// Vehicle whose forecasts and scalars are shown when the file is opened.
@@ -33,14 +33,14 @@ pub struct Vehicle {
     /// Length and width, m.
     pub size: [f32; 2],
     /// Where it is, by frame.
-    pub moments: Vec<Moment>,
+    pub moments: Vec<TimedState>,
     /// Its forecasts, by frame.
     pub forecasts: Vec<SceneForecast>,
 }
 
 /// Where a vehicle is in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Moment {
+pub struct TimedState {
     /// Frame of the recording.
     pub frame: u32,
     /// Centre, m.

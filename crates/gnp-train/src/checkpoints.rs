@@ -9,7 +9,7 @@ use gnp_model::{Checkpoint, Header, ModelError};
 use gnp_nn::Weights;
 
 use crate::error::TrainError;
-use crate::state::{Kind, Progress, Sink, State};
+use crate::state::{CheckpointSlot, Progress, Sink, TrainingState};
 
 /// Keeps a stage's checkpoints as `PART.safetensors` (best: what is predicted with) and
 /// `PART.last.safetensors` (last: what training goes on from) in a folder.
@@ -33,11 +33,11 @@ impl Checkpoints {
 
     /// Where the checkpoint of a kind is, once it is.
     #[must_use]
-    pub fn path(&self, kind: Kind) -> PathBuf {
+    pub fn path(&self, kind: CheckpointSlot) -> PathBuf {
         let part = self.header.part.name();
         self.folder.join(match kind {
-            Kind::Best => format!("{part}.safetensors"),
-            Kind::Last => format!("{part}.last.safetensors"),
+            CheckpointSlot::Best => format!("{part}.safetensors"),
+            CheckpointSlot::Last => format!("{part}.last.safetensors"),
         })
     }
 
@@ -46,8 +46,8 @@ impl Checkpoints {
     /// # Errors
     /// [`TrainError::Model`] when the file is damaged; [`TrainError::Resume`] when it was trained
     /// on other windows, features or sizes.
-    pub fn last(&self) -> Result<Option<State>, TrainError> {
-        let path = self.path(Kind::Last);
+    pub fn last(&self) -> Result<Option<TrainingState>, TrainError> {
+        let path = self.path(CheckpointSlot::Last);
         if !path.exists() {
             return Ok(None);
         }
@@ -69,7 +69,7 @@ impl Checkpoints {
         let text = then.trainer.as_deref().ok_or_else(|| damaged("does not say where training stood".to_owned()))?;
         let progress: Progress =
             serde_json::from_str(text).map_err(|e| damaged(format!("does not say where training stood: {e}")))?;
-        Ok(Some(State::from_tensors(&checkpoint.tensors, progress)))
+        Ok(Some(TrainingState::from_tensors(&checkpoint.tensors, progress)))
     }
 
     /// Puts the weights of the best epoch into the network.
@@ -77,7 +77,7 @@ impl Checkpoints {
     /// # Errors
     /// [`TrainError::Model`] when there is no such file, or it is damaged.
     pub fn restore_best(&self) -> Result<(), TrainError> {
-        let path = self.path(Kind::Best);
+        let path = self.path(CheckpointSlot::Best);
         let checkpoint = Checkpoint::load(&path)?;
         checkpoint.expect(&path, self.header.part, Some(self.header.shape))?;
         self.weights.set(checkpoint.tensors.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
@@ -86,18 +86,18 @@ impl Checkpoints {
 }
 
 impl Sink for Checkpoints {
-    fn save(&mut self, kind: Kind, state: &State) -> Result<(), Box<dyn Error + Send + Sync>> {
+    fn save(&mut self, kind: CheckpointSlot, state: &TrainingState) -> Result<(), Box<dyn Error + Send + Sync>> {
         let mut tensors: BTreeMap<String, Tensor> =
             self.weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().clone())).collect();
         tensors.extend(match kind {
-            Kind::Best => state.weights.clone(),
-            Kind::Last => state.tensors(),
+            CheckpointSlot::Best => state.weights.clone(),
+            CheckpointSlot::Last => state.tensors(),
         });
         let progress = &state.progress;
         let scores = progress.history.last().map(|record| record.validation.as_slice()).unwrap_or_default();
         let trainer = match kind {
-            Kind::Best => None,
-            Kind::Last => Some(serde_json::to_string(progress)?),
+            CheckpointSlot::Best => None,
+            CheckpointSlot::Last => Some(serde_json::to_string(progress)?),
         };
         let header = Header {
             epoch: progress.epoch,

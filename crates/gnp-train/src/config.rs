@@ -19,7 +19,7 @@ pub struct TrainConfig {
     /// proportion to its site's number of windows to the power of minus this, with repetition, and
     /// validation scores weigh windows so, too. 0 draws every window once an epoch; 1 gives every
     /// site the same share.
-    pub site_balance: f64,
+    pub site_sampling_exponent: f64,
     /// Adam's learning rate before the schedule.
     pub learning_rate: f64,
     /// How the learning rate changes over the epochs.
@@ -49,9 +49,9 @@ impl TrainConfig {
         if self.batch == 0 {
             return refuse("batch", "0".into(), "put 1 window or more in a mini-batch");
         }
-        if !(0. ..=1.).contains(&self.site_balance) {
+        if !(0. ..=1.).contains(&self.site_sampling_exponent) {
             let remedy = "give a number between 0 (every window alike) and 1 (every site alike)";
-            return refuse("site_balance", self.site_balance.to_string(), remedy);
+            return refuse("site_sampling_exponent", self.site_sampling_exponent.to_string(), remedy);
         }
         if !positive(self.learning_rate) {
             return refuse("learning_rate", self.learning_rate.to_string(), "give a number above 0, such as 1e-4");
@@ -73,7 +73,11 @@ impl TrainConfig {
             ("epochs", epochs.to_string(), saved.epochs.to_string()),
             ("batch", self.batch.to_string(), saved.batch.to_string()),
             ("epoch_windows", self.epoch_windows.to_string(), saved.epoch_windows.to_string()),
-            ("site_balance", self.site_balance.to_string(), saved.site_balance.to_string()),
+            (
+                "site_sampling_exponent",
+                self.site_sampling_exponent.to_string(),
+                saved.site_sampling_exponent.to_string(),
+            ),
             ("learning_rate", self.learning_rate.to_string(), saved.learning_rate.to_string()),
             ("schedule", format!("{:?}", self.schedule), format!("{:?}", saved.schedule)),
             ("weight_decay", self.weight_decay.to_string(), saved.weight_decay.to_string()),
@@ -114,7 +118,7 @@ mod tests {
         let cases = [
             ("epochs = 7", "epochs = 0", "epochs"),
             ("batch = 3", "batch = 0", "batch"),
-            ("site_balance = 0.0", "site_balance = 1.5", "site_balance"),
+            ("site_sampling_exponent = 0.0", "site_sampling_exponent = 1.5", "site_sampling_exponent"),
             ("learning_rate = 1e-4", "learning_rate = 0.0", "learning_rate"),
             ("learning_rate = 1e-4", "learning_rate = nan", "learning_rate"),
             ("weight_decay = 0.0", "weight_decay = -1.0", "weight_decay"),

@@ -160,7 +160,7 @@ fn masked_crc(bytes: &[u8]) -> [u8; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::history::{EpochRecord, Score};
+    use crate::history::{EpochRecord, ValidationScore};
 
     fn read(path: &Path) -> Vec<Event> {
         let bytes = fs::read(path).unwrap();
@@ -215,7 +215,10 @@ mod tests {
             learning_rate: 0.25,
         };
         writer.on_batch(&batch).unwrap();
-        let validation = vec![Score { name: "loss".into(), value: 1.5 }, Score { name: "fde".into(), value: 6. }];
+        let validation = vec![
+            ValidationScore { name: "loss".into(), value: 1.5 },
+            ValidationScore { name: "fde".into(), value: 6. },
+        ];
         let record = EpochRecord { epoch: 1, steps: 41, learning_rate: 0.25, train_loss: 0.75, validation };
         let report = EpochReport { record: &record, best: true, seconds: 2., windows_per_second: 3.5 };
         writer.on_epoch(&report).unwrap();

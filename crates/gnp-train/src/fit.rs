@@ -12,19 +12,19 @@ use tracing::{debug, info, warn};
 
 use crate::config::TrainConfig;
 use crate::error::TrainError;
-use crate::history::{EpochRecord, Score};
+use crate::history::{EpochRecord, ValidationScore};
 use crate::observer::{BatchReport, EpochReport, Observer, Plan};
 use crate::optimiser::{Adam, host, matching};
 use crate::schedule::Position;
-use crate::seed::mix;
-use crate::stage::{Stage, Sums};
-use crate::state::{Best, Kind, Progress, Sink, State};
+use crate::seed::derive_seed;
+use crate::stage::{BatchTotals, Stage};
+use crate::state::{Best, CheckpointSlot, Progress, Sink, TrainingState};
 
 /// Trains stages: mini-batches in seeded order, validation after each epoch, early stopping,
 /// checkpoints.
 ///
 /// Afterwards the weights are those of the last step. The best ones went to the sink as
-/// [`Kind::Best`].
+/// [`CheckpointSlot::Best`].
 #[derive(Debug)]
 pub struct Trainer<'a, S, O> {
     /// What to do.
@@ -82,7 +82,7 @@ impl<S: Sink, O: Observer> Trainer<'_, S, O> {
     ///
     /// # Errors
     /// [`TrainError::Resume`] when `state` is of another run; else as [`Trainer::fit`].
-    pub fn resume(&mut self, stage: &dyn Stage, state: &State) -> Result<Outcome, TrainError> {
+    pub fn resume(&mut self, stage: &dyn Stage, state: &TrainingState) -> Result<Outcome, TrainError> {
         let progress = Progress { config: self.config.clone(), ..state.progress.clone() };
         let mut run = Run::new(self.config, stage, progress)?;
         run.restore(state)?;
@@ -121,7 +121,7 @@ impl<'a> Run<'a> {
         Ok(Self { config, stage, weights, adam, progress, windows, warned: false })
     }
 
-    fn restore(&mut self, state: &State) -> Result<(), TrainError> {
+    fn restore(&mut self, state: &TrainingState) -> Result<(), TrainError> {
         let stage = self.stage.name();
         let refuse = |difference| TrainError::Resume { stage, difference };
         let saved = &state.progress;
@@ -179,7 +179,7 @@ impl<'a> Run<'a> {
             }
             if !self.epoch(trainer)? {
                 info!(stage = plan.stage, epoch = self.progress.epoch, "interrupted");
-                self.save(Kind::Last, &mut trainer.sink)?;
+                self.save(CheckpointSlot::Last, &mut trainer.sink)?;
                 break End::Interrupted;
             }
         };
@@ -207,9 +207,9 @@ impl<'a> Run<'a> {
 
         let (record, best) = self.close(learning_rate, validation);
         if best {
-            self.save(Kind::Best, &mut trainer.sink)?;
+            self.save(CheckpointSlot::Best, &mut trainer.sink)?;
         }
-        self.save(Kind::Last, &mut trainer.sink)?;
+        self.save(CheckpointSlot::Last, &mut trainer.sink)?;
         let seconds = begun.elapsed().as_secs_f64();
         info!(
             stage = self.stage.name(),
@@ -228,11 +228,11 @@ impl<'a> Run<'a> {
 
     /// The windows of the epoch under way, in its order.
     fn order(&self) -> Vec<usize> {
-        let seed = mix(mix(self.config.seed, 0), self.progress.epoch as u64);
+        let seed = derive_seed(derive_seed(self.config.seed, 0), self.progress.epoch as u64);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let sites = self.stage.train_sites();
-        if self.config.site_balance > 0. && !sites.is_empty() {
-            let weights = weights(&sites, self.config.site_balance);
+        if self.config.site_sampling_exponent > 0. && !sites.is_empty() {
+            let weights = weights(&sites, self.config.site_sampling_exponent);
             let mut total = 0.;
             let ends: Vec<f64> = sites.iter().map(|site| (total += weights[site], total).1).collect();
             let draw = |_| {
@@ -254,7 +254,7 @@ impl<'a> Run<'a> {
     }
 
     fn step(&mut self, batch: usize, windows: &[usize], learning_rate: f64) -> Result<BatchReport, TrainError> {
-        let seed = mix(mix(self.config.seed, 1), self.progress.steps);
+        let seed = derive_seed(derive_seed(self.config.seed, 1), self.progress.steps);
         let tensor = self.stage.loss(windows, seed)?;
         let loss = tensor.to_scalar::<f32>()?;
         if !loss.is_finite() {
@@ -286,11 +286,11 @@ impl<'a> Run<'a> {
     }
 
     /// Scores over the whole validation part; nothing when the stop flag ended them.
-    fn validate(&self, stop: &AtomicBool) -> Result<Option<Vec<Score>>, TrainError> {
+    fn validate(&self, stop: &AtomicBool) -> Result<Option<Vec<ValidationScore>>, TrainError> {
         let stage = self.stage.name();
         let mut by_site: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         let sites = self.stage.validation_sites();
-        let balance = if sites.is_empty() { 0. } else { self.config.site_balance };
+        let balance = if sites.is_empty() { 0. } else { self.config.site_sampling_exponent };
         for window in 0..self.stage.validation_len() {
             // Without balance all are of one site, so that batches are as large as they can be.
             let site = sites.get(window).copied().filter(|_| balance > 0.);
@@ -299,7 +299,7 @@ impl<'a> Run<'a> {
         let mut scored = Vec::with_capacity(by_site.len());
         for windows in by_site.into_values() {
             let weight = (windows.len() as f64).powf(-balance);
-            let mut sums = Sums::default();
+            let mut sums = BatchTotals::default();
             for batch in windows.chunks(self.config.batch) {
                 if stop.load(Ordering::Relaxed) {
                     return Ok(None);
@@ -310,20 +310,20 @@ impl<'a> Run<'a> {
             }
             scored.push((sums, weight));
         }
-        let means = Sums::means_of(&scored);
+        let means = BatchTotals::means_of(&scored);
         if means.is_empty() {
             return Err(TrainError::Validation { stage, problem: "there is no validation score to choose by" });
         }
         let score = |(name, value): (&'static str, f64)| {
             let finite = (value as f32).is_finite();
             let error = || self.diverged(format!("validation score `{name}`"), value, self.batches() - 1);
-            finite.then(|| Score { name: name.to_owned(), value: value as f32 }).ok_or_else(error)
+            finite.then(|| ValidationScore { name: name.to_owned(), value: value as f32 }).ok_or_else(error)
         };
         means.into_iter().map(score).collect::<Result<_, _>>().map(Some)
     }
 
     /// Enters the epoch under way into the history; says whether it is the best one.
-    fn close(&mut self, learning_rate: f64, validation: Vec<Score>) -> (EpochRecord, bool) {
+    fn close(&mut self, learning_rate: f64, validation: Vec<ValidationScore>) -> (EpochRecord, bool) {
         let losses = std::mem::take(&mut self.progress.losses);
         let size = |batch: usize| self.config.batch.min(self.windows - batch * self.config.batch) as f64;
         let total: f64 = losses.iter().enumerate().map(|(batch, loss)| f64::from(*loss) * size(batch)).sum();
@@ -344,14 +344,14 @@ impl<'a> Run<'a> {
         (record, best)
     }
 
-    fn save<S: Sink>(&self, kind: Kind, sink: &mut S) -> Result<(), TrainError> {
+    fn save<S: Sink>(&self, kind: CheckpointSlot, sink: &mut S) -> Result<(), TrainError> {
         let copy = |(name, var): (&String, &Var)| {
             let values = host(var.as_tensor())?;
             Ok((name.clone(), Tensor::from_vec(values, var.shape(), &Device::Cpu)?))
         };
         let weights = self.weights.iter().map(copy).collect::<Result<_, TrainError>>()?;
         let [first, second] = self.adam.moments()?;
-        let state = State { weights, first, second, progress: self.progress.clone() };
+        let state = TrainingState { weights, first, second, progress: self.progress.clone() };
         sink.save(kind, &state).map_err(|source| TrainError::Save { kind: kind.name(), source })
     }
 

@@ -10,7 +10,7 @@ use crate::error::TrainError;
 /// A named validation score.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Score {
+pub struct ValidationScore {
     /// Its name, as the stage gives it.
     pub name: String,
     /// Mean over the validation windows. An f32, because its JSON reads back to the same bits.
@@ -30,7 +30,7 @@ pub struct EpochRecord {
     /// Mean training loss over its windows, each at the weights of its own step.
     pub train_loss: f32,
     /// Validation scores at its end; the first one chooses the best epoch.
-    pub validation: Vec<Score>,
+    pub validation: Vec<ValidationScore>,
 }
 
 /// The learning curves of a stage.
@@ -78,7 +78,7 @@ mod tests {
             steps: 7 * epoch as u64,
             learning_rate: 1e-4,
             train_loss: (epoch as f32).sqrt() / 3.,
-            validation: vec![Score { name: "loss".into(), value: 1. / (epoch as f32 + 0.1) }],
+            validation: vec![ValidationScore { name: "loss".into(), value: 1. / (epoch as f32 + 0.1) }],
         };
         let history = History { stage: "goal".into(), epochs: (1..200).map(record).collect() };
         history.save(&path).unwrap();

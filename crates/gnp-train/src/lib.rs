@@ -7,13 +7,13 @@
 //! progress leaves through an [`Observer`], which [`EventWriter`] is for TensorBoard.
 //!
 //! Every draw (order of the windows, dropout, noise) is fixed by `(seed, epoch)` or `(seed, step)`,
-//! so that a run that was stopped and resumed from its last [`State`] ends with the weights, bit
+//! so that a run that was stopped and resumed from its last [`TrainingState`] ends with the weights, bit
 //! for bit, of one that never stopped.
 //!
 //! ```
 //! use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 //! use candle_core::{Device, Tensor, Var};
-//! use gnp_train::{Kind, Schedule, Sink, Stage, State, Sums, TrainConfig, TrainError, Trainer};
+//! use gnp_train::{CheckpointSlot, Schedule, Sink, Stage, TrainingState, BatchTotals, TrainConfig, TrainError, Trainer};
 //!
 //! struct Offset(Var); // learns the number 3
 //! impl Offset {
@@ -27,19 +27,19 @@
 //!     fn train_len(&self) -> usize { 20 }
 //!     fn validation_len(&self) -> usize { 4 }
 //!     fn loss(&self, _: &[usize], _: u64) -> Result<Tensor, TrainError> { Ok(self.error()?) }
-//!     fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
+//!     fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
 //!         let error = f64::from(self.error()?.to_scalar::<f32>()?);
-//!         Ok(Sums::new(batch.len(), [("squared_error", error * batch.len() as f64)]))
+//!         Ok(BatchTotals::new(batch.len(), [("squared_error", error * batch.len() as f64)]))
 //!     }
 //! }
 //!
 //! struct Forget;
 //! impl Sink for Forget {
-//!     fn save(&mut self, _: Kind, _: &State) -> Result<(), Box<dyn std::error::Error + Send + Sync>> { Ok(()) }
+//!     fn save(&mut self, _: CheckpointSlot, _: &TrainingState) -> Result<(), Box<dyn std::error::Error + Send + Sync>> { Ok(()) }
 //! }
 //!
 //! let config = TrainConfig {
-//!     epochs: 30, batch: 5, epoch_windows: 0, site_balance: 0., learning_rate: 0.1,
+//!     epochs: 30, batch: 5, epoch_windows: 0, site_sampling_exponent: 0., learning_rate: 0.1,
 //!     schedule: Schedule::Constant {}, weight_decay: 0., clip_norm: 0., patience: 0, seed: 1,
 //! };
 //! let stage = Offset(Var::new(&[0f32], &Device::Cpu)?);
@@ -68,11 +68,11 @@ pub use crate::config::TrainConfig;
 pub use crate::error::TrainError;
 pub use crate::events::EventWriter;
 pub use crate::fit::{End, Outcome, Trainer};
-pub use crate::history::{EpochRecord, History, Score};
+pub use crate::history::{EpochRecord, History, ValidationScore};
 pub use crate::observer::{BatchReport, EpochReport, Observer, Plan};
 pub use crate::optimiser::{Adam, Step};
 pub use crate::schedule::{Position, Schedule};
-pub use crate::seed::mix;
-pub use crate::stage::{Stage, Sums};
+pub use crate::seed::derive_seed;
+pub use crate::stage::{BatchTotals, Stage};
 pub use crate::stages::{GoalStage, GoalTraining, PathStage, PathTraining, Windows};
-pub use crate::state::{Best, Kind, Progress, Sink, State};
+pub use crate::state::{Best, CheckpointSlot, Progress, Sink, TrainingState};

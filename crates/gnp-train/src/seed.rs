@@ -3,7 +3,7 @@
 /// A seed for item `index` of the stream `seed` (two rounds of SplitMix64): epochs and steps that
 /// differ by one get seeds that have nothing in common.
 #[must_use]
-pub fn mix(seed: u64, index: u64) -> u64 {
+pub fn derive_seed(seed: u64, index: u64) -> u64 {
     finalise(finalise(seed).wrapping_add(index.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
 }
 
@@ -16,14 +16,14 @@ fn finalise(x: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::mix;
+    use super::derive_seed;
 
     #[test]
     fn neighbouring_indices_and_seeds_share_no_stream() {
-        let mut seeds: Vec<u64> = (0..30).flat_map(|seed| (0..40).map(move |index| mix(seed, index))).collect();
+        let mut seeds: Vec<u64> = (0..30).flat_map(|seed| (0..40).map(move |index| derive_seed(seed, index))).collect();
         seeds.sort_unstable();
         seeds.dedup();
         assert_eq!(seeds.len(), 30 * 40);
-        assert_ne!(mix(1, 2), mix(2, 1));
+        assert_ne!(derive_seed(1, 2), derive_seed(2, 1));
     }
 }

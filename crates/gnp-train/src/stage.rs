@@ -21,7 +21,7 @@ pub trait Stage {
     fn validation_len(&self) -> usize;
 
     /// Site of each training window as a number, for
-    /// [`TrainConfig::site_balance`](crate::TrainConfig::site_balance); empty where all are of one.
+    /// [`TrainConfig::site_sampling_exponent`](crate::TrainConfig::site_sampling_exponent); empty where all are of one.
     fn train_sites(&self) -> Vec<u32> {
         Vec::new()
     }
@@ -43,18 +43,18 @@ pub trait Stage {
     ///
     /// # Errors
     /// When a window cannot be read or the network fails.
-    fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError>;
+    fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError>;
 }
 
 /// Named sums over windows, so that their means are exact when batches differ in size.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Sums {
+pub struct BatchTotals {
     count: usize,
     sums: Vec<(&'static str, f64)>,
 }
 
-impl Sums {
-    /// Sums over `count` windows, in the order of importance.
+impl BatchTotals {
+    /// BatchTotals over `count` windows, in the order of importance.
     #[must_use]
     pub fn new(count: usize, sums: impl IntoIterator<Item = (&'static str, f64)>) -> Self {
         Self { count, sums: sums.into_iter().collect() }
@@ -111,13 +111,13 @@ mod tests {
 
     #[test]
     fn means_weigh_every_window_alike() {
-        let mut sums = Sums::default();
-        assert!(sums.add(&Sums::new(3, [("loss", 6.), ("fde", 9.)])));
-        assert!(sums.add(&Sums::new(1, [("loss", 10.), ("fde", 1.)])));
+        let mut sums = BatchTotals::default();
+        assert!(sums.add(&BatchTotals::new(3, [("loss", 6.), ("fde", 9.)])));
+        assert!(sums.add(&BatchTotals::new(1, [("loss", 10.), ("fde", 1.)])));
         assert_eq!(sums.means(), [("loss", 4.), ("fde", 2.5)]);
-        let sites = [(Sums::new(3, [("loss", 6.)]), 1.), (Sums::new(1, [("loss", 10.)]), 3.)];
-        assert_eq!(Sums::means_of(&sites), [("loss", 6.)]);
-        assert!(!sums.add(&Sums::new(1, [("fde", 10.), ("loss", 1.)])));
+        let sites = [(BatchTotals::new(3, [("loss", 6.)]), 1.), (BatchTotals::new(1, [("loss", 10.)]), 3.)];
+        assert_eq!(BatchTotals::means_of(&sites), [("loss", 6.)]);
+        assert!(!sums.add(&BatchTotals::new(1, [("fde", 10.), ("loss", 1.)])));
         assert_eq!(sums.means(), [("loss", 4.), ("fde", 2.5)]);
     }
 }

@@ -11,7 +11,7 @@ use crate::history::EpochRecord;
 /// A snapshot of a run: weights, moments of Adam, and the place in the training. All tensors are
 /// copies on the CPU.
 #[derive(Clone, Debug)]
-pub struct State {
+pub struct TrainingState {
     /// Trained weights by name. Frozen ones are not here; the checkpoint adds them.
     pub weights: BTreeMap<String, Tensor>,
     /// First moments of Adam, under the names of the weights.
@@ -64,14 +64,14 @@ pub struct Best {
 
 /// Which checkpoint a state is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum CheckpointSlot {
     /// The epoch with the lowest validation score: what is used afterwards.
     Best,
     /// Where the run stands: what it is resumed from.
     Last,
 }
 
-impl Kind {
+impl CheckpointSlot {
     /// `best` or `last`: the stem of a file.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -88,11 +88,19 @@ pub trait Sink {
     ///
     /// # Errors
     /// Whatever keeps it from being written.
-    fn save(&mut self, kind: Kind, state: &State) -> Result<(), Box<dyn std::error::Error + Send + Sync>>;
+    fn save(
+        &mut self,
+        kind: CheckpointSlot,
+        state: &TrainingState,
+    ) -> Result<(), Box<dyn std::error::Error + Send + Sync>>;
 }
 
 impl<S: Sink + ?Sized> Sink for &mut S {
-    fn save(&mut self, kind: Kind, state: &State) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    fn save(
+        &mut self,
+        kind: CheckpointSlot,
+        state: &TrainingState,
+    ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         (**self).save(kind, state)
     }
 }
@@ -100,7 +108,7 @@ impl<S: Sink + ?Sized> Sink for &mut S {
 const FIRST: &str = "trainer.first.";
 const SECOND: &str = "trainer.second.";
 
-impl State {
+impl TrainingState {
     /// All tensors under one set of names, for a file: weights under their own names, moments
     /// under `trainer.first.` and `trainer.second.` and the weight's name.
     #[must_use]
@@ -112,7 +120,7 @@ impl State {
         parts.into_iter().flatten().collect()
     }
 
-    /// The state whose [`State::tensors`] and progress these are. Weights that were not trained may
+    /// The state whose [`TrainingState::tensors`] and progress these are. Weights that were not trained may
     /// be among `tensors`: only those that have moments are taken.
     #[must_use]
     pub fn from_tensors(tensors: &BTreeMap<String, Tensor>, progress: Progress) -> Self {

@@ -11,8 +11,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use candle_core::{Device, Tensor, Var};
 use gnp_train::{
-    BatchReport, End, EpochReport, Kind, Observer, Plan, Progress, Schedule, Sink, Stage, State, Sums, TrainConfig,
-    TrainError, Trainer,
+    BatchReport, BatchTotals, CheckpointSlot, End, EpochReport, Observer, Plan, Progress, Schedule, Sink, Stage,
+    TrainConfig, TrainError, Trainer, TrainingState,
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -98,12 +98,12 @@ impl Stage for Line {
         Ok(if self.nan_at == Some(step) { (loss * f64::NAN)? } else { loss })
     }
 
-    fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
+    fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
         let xs: Vec<f32> = batch.iter().map(|i| *i as f32 / 7.).collect();
         let sum = f64::from(self.error(&xs, &vec![0.; xs.len()])?.sum_all()?.to_scalar::<f32>()?);
         let call = self.calls.replace(self.calls.get() + 1);
         let penalty = self.penalties.get(call).copied().unwrap_or(0.);
-        Ok(Sums::new(batch.len(), [("squared_error", sum + penalty), ("points", batch.len() as f64)]))
+        Ok(BatchTotals::new(batch.len(), [("squared_error", sum + penalty), ("points", batch.len() as f64)]))
     }
 }
 
@@ -112,7 +112,7 @@ fn config() -> TrainConfig {
         epochs: 6,
         batch: 3,
         epoch_windows: 0,
-        site_balance: 0.,
+        site_sampling_exponent: 0.,
         learning_rate: 0.05,
         schedule: Schedule::Step { factor: 0.5, epochs: vec![2, 4] },
         weight_decay: 0.01,
@@ -125,12 +125,12 @@ fn config() -> TrainConfig {
 /// Keeps what a file would: tensors under one set of names, and the progress as JSON.
 #[derive(Default)]
 struct Files {
-    saved: Vec<(Kind, BTreeMap<String, Tensor>, String)>,
+    saved: Vec<(CheckpointSlot, BTreeMap<String, Tensor>, String)>,
     full: bool,
 }
 
 impl Sink for Files {
-    fn save(&mut self, kind: Kind, state: &State) -> Result<(), Box<dyn Error + Send + Sync>> {
+    fn save(&mut self, kind: CheckpointSlot, state: &TrainingState) -> Result<(), Box<dyn Error + Send + Sync>> {
         if self.full {
             return Err("no space left".into());
         }
@@ -143,10 +143,10 @@ impl Sink for Files {
 }
 
 impl Files {
-    fn last(&self, kind: Kind) -> State {
+    fn last(&self, kind: CheckpointSlot) -> TrainingState {
         let (_, tensors, progress) = self.saved.iter().rfind(|(k, ..)| *k == kind).expect("saved");
         let progress: Progress = serde_json::from_str(progress).unwrap();
-        State::from_tensors(tensors, progress)
+        TrainingState::from_tensors(tensors, progress)
     }
 }
 
@@ -251,7 +251,7 @@ fn a_run_resumed_after_any_batch_ends_with_the_same_bits() {
         assert_eq!(outcome.progress.steps, after);
 
         let (stop, second) = (go(), Line::new());
-        let state = files.last(Kind::Last);
+        let state = files.last(CheckpointSlot::Last);
         assert!(!state.weights.contains_key("frozen"));
         let mut trainer = Trainer { config: &config(), sink: &mut files, observer: (), stop: &stop };
         let outcome = trainer.resume(&second, &state).unwrap();
@@ -267,7 +267,7 @@ fn more_epochs_continue_a_finished_run() {
     train(&TrainConfig { epochs: 9, ..config() }, &long);
     let (stop, line) = (go(), Line::new());
     let (_, mut files) = train(&config(), &line);
-    let state = files.last(Kind::Last);
+    let state = files.last(CheckpointSlot::Last);
     let more = TrainConfig { epochs: 9, ..config() };
     let outcome = Trainer { config: &more, sink: &mut files, observer: (), stop: &stop }.resume(&line, &state).unwrap();
     assert_eq!(outcome.progress.epoch, 9);
@@ -283,12 +283,12 @@ fn the_best_epoch_is_kept_and_training_stops_after_the_patience() {
     assert_eq!(outcome.end, End::EarlyStopped);
     assert_eq!(outcome.progress.epoch, 5);
     assert_eq!(outcome.progress.best.unwrap().epoch, 2);
-    let best = files.last(Kind::Best);
+    let best = files.last(CheckpointSlot::Best);
     assert_eq!(best.progress.epoch, 2);
     assert_eq!(best.progress.best.unwrap().score, outcome.progress.history[1].validation[0].value);
-    assert_eq!(files.last(Kind::Last).progress.epoch, 5);
+    assert_eq!(files.last(CheckpointSlot::Last).progress.epoch, 5);
     let kinds = |kind| files.saved.iter().filter(|(k, ..)| *k == kind).count();
-    assert_eq!((kinds(Kind::Best), kinds(Kind::Last)), (2, 5));
+    assert_eq!((kinds(CheckpointSlot::Best), kinds(CheckpointSlot::Last)), (2, 5));
     // Without patience it goes to the end.
     line.calls.set(0);
     assert_eq!(train(&TrainConfig { epochs: 20, ..config() }, &line).0.progress.epoch, 20);
@@ -303,9 +303,9 @@ fn a_part_of_the_windows_makes_an_epoch_when_asked() {
 
 #[test]
 fn sites_count_alike_when_asked() {
-    let share = |site_balance: f64| {
+    let share = |site_sampling_exponent: f64| {
         let line = Line { other_site: Some([9, 4]), train: 11, ..Line::new() };
-        let config = TrainConfig { epochs: 60, site_balance, ..config() };
+        let config = TrainConfig { epochs: 60, site_sampling_exponent, ..config() };
         train(&config, &line);
         let asked = line.asked.borrow();
         let drawn: Vec<usize> = asked.iter().flat_map(|(windows, _)| windows.clone()).collect();
@@ -320,10 +320,10 @@ fn sites_count_alike_when_asked() {
 
 #[test]
 fn validation_scores_weigh_sites_as_training_does() {
-    let score = |site_balance: f64| {
+    let score = |site_sampling_exponent: f64| {
         let line = Line { other_site: Some([9, 4]), ..Line::new() };
         // No step to speak of: the scores are those of y = 0.
-        let config = TrainConfig { epochs: 1, learning_rate: 1e-12, site_balance, ..config() };
+        let config = TrainConfig { epochs: 1, learning_rate: 1e-12, site_sampling_exponent, ..config() };
         train(&config, &line).0.progress.history[0].validation[0].value
     };
     let errors = [0, 1, 2, 3, 4].map(|i| (2. * i as f32 / 7. - 1.).powi(2));
@@ -399,8 +399,8 @@ fn a_checkpoint_that_cannot_be_written_ends_training() {
 #[test]
 fn a_state_of_another_run_is_refused_and_changes_nothing() {
     let (_, files) = train(&config(), &Line::new());
-    let good = files.last(Kind::Last);
-    let refused = |config: &TrainConfig, line: &Line, state: &State| {
+    let good = files.last(CheckpointSlot::Last);
+    let refused = |config: &TrainConfig, line: &Line, state: &TrainingState| {
         let (stop, before) = (go(), line.weights());
         let mut trainer = Trainer { config, sink: Files::default(), observer: (), stop: &stop };
         let error = trainer.resume(line, state).unwrap_err();
@@ -408,7 +408,7 @@ fn a_state_of_another_run_is_refused_and_changes_nothing() {
         assert_eq!(line.weights(), before);
         error.to_string()
     };
-    let changed = |change: &dyn Fn(&mut State)| {
+    let changed = |change: &dyn Fn(&mut TrainingState)| {
         let mut state = good.clone();
         change(&mut state);
         refused(&config(), &Line::new(), &state)

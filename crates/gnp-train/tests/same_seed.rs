@@ -10,12 +10,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use candle_core::{Device, Tensor};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet};
 use gnp_goal::{GoalConfig, GoalNet, LabelConfig, LabelDistance, ProbabilityHead, Regression};
-use gnp_model::{FeatureConfig, Features, Header, NeighbourFuture, Part, Representation};
+use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourFuture, Representation};
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_train::{
-    BatchReport, Checkpoints, End, GoalStage, GoalTraining, History, Kind, Observer, PathStage, PathTraining, Schedule,
-    Stage, TrainConfig, TrainError, Trainer, Windows,
+    BatchReport, CheckpointSlot, Checkpoints, End, GoalStage, GoalTraining, History, Observer, PathStage, PathTraining,
+    Schedule, Stage, TrainConfig, TrainError, Trainer, Windows,
 };
 use gnp_traj::{InputScale, Integrator, SocialForce, TrajConfig};
 
@@ -43,8 +43,8 @@ fn goal_config() -> GoalConfig {
         dropout: 0.1,
         probability: ProbabilityHead::Decoder,
         regression: Regression::Residual,
-        nobody: true,
-        slot_code: true,
+        null_token: true,
+        slot_embedding: true,
     }
 }
 
@@ -52,7 +52,7 @@ fn traj_config() -> TrajConfig {
     TrajConfig {
         hidden: 12,
         embedding: 6,
-        code: 5,
+        latent_dim: 5,
         encoder: vec![7],
         decoder: vec![9, 8],
         tau_max: 1.,
@@ -72,7 +72,7 @@ fn train_config() -> TrainConfig {
         epochs: 2,
         batch: 16,
         epoch_windows: 50,
-        site_balance: 0.,
+        site_sampling_exponent: 0.,
         learning_rate: 1e-3,
         schedule: Schedule::Constant {},
         weight_decay: 0.,
@@ -132,7 +132,7 @@ fn check_files(folder: &Path, sink: &Checkpoints, weights: &Weights) {
     let last = bits(weights);
     sink.restore_best().unwrap();
     assert_eq!(bits(weights), last);
-    assert!(sink.path(Kind::Best).starts_with(folder));
+    assert!(sink.path(CheckpointSlot::Best).starts_with(folder));
 }
 
 fn bits(weights: &Weights) -> Vec<(String, Vec<u32>)> {
@@ -160,16 +160,17 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
         length_scale: 5.,
         velocity_window_s: 0.3,
         history_block_s: 0.2,
-        following_hint: true,
+        car_following_features: true,
     };
     let seen = || train.iter().filter_map(|id| set.get(*id));
     let features = Features::fit(&features, set.shape(), seen().map(|window| window.observation())).unwrap();
-    let futures: Vec<f32> =
-        seen().flat_map(|window| features.future(&gnp_model::Seen::recorded(window.observation()), &window)).collect();
+    let futures: Vec<f32> = seen()
+        .flat_map(|window| features.future(&gnp_model::AugmentedView::recorded(window.observation()), &window))
+        .collect();
     let params = ModeParams { modes: 6, seed: SEED, max_iterations: 30, restarts: 1 };
-    let modes = gnp_modes::fit(&futures, set.shape().predicted, features.mode_frame(), &params).unwrap();
+    let modes = gnp_modes::fit(&futures, set.shape().t_pred, features.mode_frame(), &params).unwrap();
     let header = Header {
-        part: Part::Goal,
+        part: Component::Goal,
         dataset: Dataset::Ngsim,
         simulated: false,
         shape: set.shape(),
@@ -189,11 +190,11 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
 
 fn goal_training() -> GoalTraining {
     let labels = LabelConfig { distance: LabelDistance::MeanDisplacement, temperature: 0.5 };
-    GoalTraining { alpha: 0.2, labels, mirror: 0.5, stretch: 1.3 }
+    GoalTraining { alpha: 0.2, labels, mirror: 0.5, longitudinal_scale: 1.3 }
 }
 
 fn path_training() -> PathTraining {
-    PathTraining { goal_noise_m: [0.05, 0.02], mirror: 0.5, stretch: 1.3 }
+    PathTraining { goal_noise_m: [0.05, 0.02], mirror: 0.5, longitudinal_scale: 1.3 }
 }
 
 /// No weight is out of the loss's reach.
@@ -241,8 +242,8 @@ fn paths_repeat_bit_for_bit_and_over_a_resume() {
             stage
         };
         let none = Weights::seeded(SEED, &Device::Cpu);
-        let whole = train(&attraction, &header(Part::Attraction), &none, 0);
-        assert_eq!(bits(&train(&attraction, &header(Part::Attraction), &none, 5)), bits(&whole));
+        let whole = train(&attraction, &header(Component::Attraction), &none, 0);
+        assert_eq!(bits(&train(&attraction, &header(Component::Attraction), &none, 5)), bits(&whole));
 
         let mut ends = Vec::new();
         for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Oracle] {
@@ -253,8 +254,8 @@ fn paths_repeat_bit_for_bit_and_over_a_resume() {
                 check_reach(&stage);
                 stage
             };
-            let pushed = train(&repulsion, &header(Part::Repulsion), &whole, 0);
-            assert_eq!(bits(&train(&repulsion, &header(Part::Repulsion), &whole, 2)), bits(&pushed));
+            let pushed = train(&repulsion, &header(Component::Repulsion), &whole, 0);
+            assert_eq!(bits(&train(&repulsion, &header(Component::Repulsion), &whole, 2)), bits(&pushed));
             // The attraction is frozen, and its weights are in the repulsion's file.
             let moved = |part: &str| {
                 let pairs = bits(&whole).into_iter().zip(bits(&pushed));
@@ -283,19 +284,19 @@ fn noise_and_mirror_follow_the_step_and_are_off_in_validation() {
             let scores = stage.validate(&[0, 2, 5]).unwrap().means();
             (stage.loss(&[1, 4, 7], seed).unwrap().to_scalar::<f32>().unwrap(), scores)
         };
-        let published = PathTraining { goal_noise_m: [0., 0.], mirror: 0., stretch: 1. };
+        let published = PathTraining { goal_noise_m: [0., 0.], mirror: 0., longitudinal_scale: 1. };
         let (plain, scores) = loss(&published, 1);
         assert_eq!(loss(&published, 2).0, plain);
         for training in [
-            PathTraining { goal_noise_m: [3., 1.], mirror: 0., stretch: 1. },
-            PathTraining { goal_noise_m: [0., 0.], mirror: 1., stretch: 1. },
+            PathTraining { goal_noise_m: [3., 1.], mirror: 0., longitudinal_scale: 1. },
+            PathTraining { goal_noise_m: [0., 0.], mirror: 1., longitudinal_scale: 1. },
         ] {
             let (changed, same_scores) = loss(&training, 1);
             assert_ne!(changed, plain);
             assert_eq!(same_scores, scores);
             assert_eq!(loss(&training, 1).0, changed);
         }
-        assert_ne!(loss(&PathTraining { goal_noise_m: [3., 1.], mirror: 0., stretch: 1. }, 2).0, plain);
+        assert_ne!(loss(&PathTraining { goal_noise_m: [3., 1.], mirror: 0., longitudinal_scale: 1. }, 2).0, plain);
     });
 }
 
@@ -307,7 +308,7 @@ fn scores_are_those_of_single_windows() {
         let training = goal_training();
         let stage = GoalStage::new(net, &weights, &data.features, &data.modes, data.parts, &training).unwrap();
         let together = stage.validate(&[0, 1, 2]).unwrap().means();
-        let mut one_by_one = gnp_train::Sums::default();
+        let mut one_by_one = gnp_train::BatchTotals::default();
         for i in 0..3 {
             assert!(one_by_one.add(&stage.validate(&[i]).unwrap()));
         }
@@ -337,7 +338,7 @@ fn a_last_checkpoint_of_other_windows_is_refused() {
         let other = Header { split_hash: "other".into(), ..data.header.clone() };
         let message = Checkpoints::new(folder.path(), other, &weights).last().unwrap_err().to_string();
         assert!(message.contains("the split is not that of"), "{message}");
-        let path = sink().path(Kind::Last);
+        let path = sink().path(CheckpointSlot::Last);
         std::fs::write(&path, b"cut off").unwrap();
         let message = sink().last().unwrap_err().to_string();
         assert!(message.contains("goal.last.safetensors"), "{message}");

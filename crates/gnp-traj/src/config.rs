@@ -13,7 +13,7 @@ pub struct TrajConfig {
     /// Width of the embedded state that enters an LSTM.
     pub embedding: usize,
     /// Width of the codes of history, goal, neighbour and line that enter the heads.
-    pub code: usize,
+    pub latent_dim: usize,
     /// Hidden widths of the encoders of goal, neighbour and line.
     pub encoder: Vec<usize>,
     /// Hidden widths of the heads of `tau` and of the strengths.
@@ -70,7 +70,7 @@ impl TrajConfig {
         Self {
             hidden: 256,
             embedding: 64,
-            code: 16,
+            latent_dim: 16,
             encoder: vec![64, 256],
             decoder: vec![512, 256, 512],
             tau_max: 1.,
@@ -91,7 +91,7 @@ impl TrajConfig {
     /// Names the first key out of range and what it must be.
     pub fn check(&self) -> Result<(), TrajError> {
         let refuse = |key, value: String, remedy| Err(TrajError::Config { key, value, remedy });
-        for (key, width) in [("hidden", self.hidden), ("embedding", self.embedding), ("code", self.code)] {
+        for (key, width) in [("hidden", self.hidden), ("embedding", self.embedding), ("latent_dim", self.latent_dim)] {
             if width == 0 {
                 return refuse(key, width.to_string(), "give at least 1 unit");
             }

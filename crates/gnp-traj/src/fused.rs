@@ -5,9 +5,9 @@
 //! all steps by itself:
 //!
 //! - All weights are one flat vector (`layout`), packed once a call for the products (`matmul`).
-//! - `forward` runs the networks (`front`, `head`, `mlp`) and the physics of `gnp_force` step by step;
+//! - `forward` runs the networks (`history_encoder`, `head`, `mlp`) and the physics of `gnp_force` step by step;
 //!   what `backward` needs stays in the buffers of a tape, and without a gradient nothing stays.
-//! - Empty slots and lines are left out rather than masked, and the history is taken in once a window.
+//! - Empty slots and lines are left out rather than masked, and the history is occupied in once a window.
 //! - Chunks do not depend on the number of threads and gradients add up in their order, so that the
 //!   same bits come out on any number of them.
 //!
@@ -19,8 +19,8 @@ mod backward;
 mod batch;
 mod elementwise;
 mod forward;
-mod front;
 mod head;
+mod history_encoder;
 mod layout;
 mod matmul;
 mod mlp;

@@ -4,7 +4,7 @@ use candle_core::{Module, Result, Tensor};
 use candle_nn::ops::sigmoid;
 use gnp_nn::{LstmState, Mlp};
 
-use crate::network::{Front, SocialForce, strength};
+use crate::network::{HistoryEncoder, SocialForce, strength};
 use crate::scene::Sizes;
 use crate::{Integrator, NeighbourStates, Phase, RollOut, Scene, TrajConfig, laws};
 
@@ -16,14 +16,14 @@ pub(crate) fn roll_out(network: &SocialForce, scene: &Scene, sizes: Sizes, phase
     let start = per_goal(&scene.observed.narrow(1, sizes.observed - 1, 1)?.squeeze(1)?)?;
     let (mut p, mut v) = (start.narrow(1, 0, 2)?.contiguous()?, start.narrow(1, 2, 2)?.contiguous()?);
     let goal = scene.goals.flatten(0, 1)?;
-    let goal_code = attraction.enc_goal.forward(&(&goal * cfg.input_scale.position)?)?;
+    let goal_latent = attraction.enc_goal.forward(&(&goal * cfg.input_scale.position)?)?;
 
-    let history = |front: &Front| -> Result<Option<LstmState>> {
-        let seen = observe(front, cfg, &scene.observed)?;
+    let history = |history_encoder: &HistoryEncoder| -> Result<Option<LstmState>> {
+        let seen = observe(history_encoder, cfg, &scene.observed)?;
         Ok(Some(LstmState { h: per_goal(&seen.h)?, c: per_goal(&seen.c)? }))
     };
-    let mut memory1 = history(&attraction.front)?;
-    let mut memory2 = if sizes.slots + sizes.lines > 0 { history(&repulsion.front)? } else { None };
+    let mut memory1 = history(&attraction.history_encoder)?;
+    let mut memory2 = if sizes.slots + sizes.lines > 0 { history(&repulsion.history_encoder)? } else { None };
     let neighbours = Slots::new(scene, sizes)?;
     let lines = LineRows::new(scene, sizes)?;
 
@@ -35,25 +35,25 @@ pub(crate) fn roll_out(network: &SocialForce, scene: &Scene, sizes: Sizes, phase
         if step % cfg.network_period == 0 {
             if step > 0 {
                 let state = Tensor::cat(&[(&p * cfg.input_scale.position)?, (&v * cfg.input_scale.velocity)?], 1)?;
-                memory1 = Some(attraction.front.step(&state, memory1.as_ref())?);
+                memory1 = Some(attraction.history_encoder.step(&state, memory1.as_ref())?);
                 if memory2.is_some() {
-                    memory2 = Some(repulsion.front.step(&state, memory2.as_ref())?);
+                    memory2 = Some(repulsion.history_encoder.step(&state, memory2.as_ref())?);
                 }
             }
             if let Some(memory) = &memory1 {
-                let code = Tensor::cat(&[attraction.front.code(memory)?, goal_code.clone()], 1)?;
-                let fresh = ((sigmoid(&attraction.tau.forward(&code)?)? * cfg.tau_max)? + scene.dt)?;
+                let latent = Tensor::cat(&[attraction.history_encoder.latent(memory)?, goal_latent.clone()], 1)?;
+                let fresh = ((sigmoid(&attraction.tau.forward(&latent)?)? * cfg.tau_max)? + scene.dt)?;
                 tau = Some(if phase == Phase::Repulsion { fresh.detach() } else { fresh });
             }
             if let Some(memory) = &memory2 {
-                let code = repulsion.front.code(memory)?;
+                let latent = repulsion.history_encoder.latent(memory)?;
                 if let (Some(slots), Some(around)) = (&neighbours, &around) {
                     let seen = scaled(cfg, around)?;
-                    k = Some(fresh(&repulsion.enc_nei, &repulsion.k, &code, &seen, cfg.k_max, &slots.present)?);
+                    k = Some(fresh(&repulsion.enc_nei, &repulsion.k, &latent, &seen, cfg.k_max, &slots.present)?);
                 }
                 if let (Some(lines), Some(d), Some((encoder, head))) = (&lines, &lateral, &repulsion.line) {
                     let seen = Tensor::stack(&[d, &lines.kind], 2)?;
-                    k_line = Some(fresh(encoder, head, &code, &seen, cfg.k_max_line, &lines.present)?);
+                    k_line = Some(fresh(encoder, head, &latent, &seen, cfg.k_max_line, &lines.present)?);
                 }
             }
         }
@@ -106,12 +106,12 @@ fn scaled(cfg: &TrajConfig, states: &Tensor) -> Result<Tensor> {
 }
 
 /// The memory after every `network_period`-th observed frame, the last one included.
-fn observe(front: &Front, cfg: &TrajConfig, observed: &Tensor) -> Result<LstmState> {
+fn observe(history_encoder: &HistoryEncoder, cfg: &TrajConfig, observed: &Tensor) -> Result<LstmState> {
     let frames = observed.dim(1)?;
     let mut memory = None;
     for frame in ((frames - 1) % cfg.network_period..frames).step_by(cfg.network_period) {
         let states = scaled(cfg, &observed.narrow(1, frame, 1)?.squeeze(1)?)?;
-        memory = Some(front.step(&states, memory.as_ref())?);
+        memory = Some(history_encoder.step(&states, memory.as_ref())?);
     }
     match memory {
         Some(memory) => Ok(memory),
@@ -120,12 +120,12 @@ fn observe(front: &Front, cfg: &TrajConfig, observed: &Tensor) -> Result<LstmSta
 }
 
 /// Strengths `[rows, slots]` of what is `seen` `[rows, slots, features]`, 0 where `present` is 0.
-fn fresh(encoder: &Mlp, head: &Mlp, code: &Tensor, seen: &Tensor, largest: f64, present: &Tensor) -> Result<Tensor> {
+fn fresh(encoder: &Mlp, head: &Mlp, latent: &Tensor, seen: &Tensor, largest: f64, present: &Tensor) -> Result<Tensor> {
     let (rows, slots, features) = seen.dims3()?;
-    let width = code.dim(1)?;
+    let width = latent.dim(1)?;
     let seen = encoder.forward(&seen.reshape((rows * slots, features))?)?.reshape((rows, slots, width))?;
-    let code = code.unsqueeze(1)?.broadcast_as((rows, slots, width))?;
-    strength(head, &Tensor::cat(&[code, seen], 2)?, largest)? * present
+    let latent = latent.unsqueeze(1)?.broadcast_as((rows, slots, width))?;
+    strength(head, &Tensor::cat(&[latent, seen], 2)?, largest)? * present
 }
 
 /// The neighbour slots by row.

@@ -23,7 +23,7 @@ pub struct SocialForce {
 /// phi_1: history and goal give `tau`.
 #[derive(Clone, Debug)]
 pub(crate) struct Attraction {
-    pub(crate) front: Front,
+    pub(crate) history_encoder: HistoryEncoder,
     pub(crate) enc_goal: Mlp,
     pub(crate) tau: Mlp,
 }
@@ -31,27 +31,27 @@ pub(crate) struct Attraction {
 /// phi_2: history and neighbour give `k`, history and line give `k_line`.
 #[derive(Clone, Debug)]
 pub(crate) struct Repulsion {
-    pub(crate) front: Front,
+    pub(crate) history_encoder: HistoryEncoder,
     pub(crate) enc_nei: Mlp,
     pub(crate) k: Mlp,
     /// Encoder and head.
     pub(crate) line: Option<(Mlp, Mlp)>,
 }
 
-/// Embedding, LSTM and code of the history, seen or predicted.
+/// Embedding, LSTM and latent of the history, seen or predicted.
 #[derive(Clone, Debug)]
-pub(crate) struct Front {
+pub(crate) struct HistoryEncoder {
     emb: Linear,
     cell: Lstm,
     out: Linear,
 }
 
-impl Front {
+impl HistoryEncoder {
     fn new(cfg: &TrajConfig, number: usize, vb: &VarBuilder) -> candle_core::Result<Self> {
         Ok(Self {
             emb: linear(4, cfg.embedding, vb.pp(format!("emb{number}")))?,
             cell: Lstm::new(cfg.embedding, cfg.hidden, vb.pp(format!("cell{number}")))?,
-            out: linear(cfg.hidden, cfg.code, vb.pp(format!("out{number}")))?,
+            out: linear(cfg.hidden, cfg.latent_dim, vb.pp(format!("out{number}")))?,
         })
     }
 
@@ -60,8 +60,8 @@ impl Front {
         self.cell.step(&self.emb.forward(states)?.relu()?, memory)
     }
 
-    /// The code of the history `[rows, code]`.
-    pub(crate) fn code(&self, memory: &LstmState) -> candle_core::Result<Tensor> {
+    /// The latent of the history `[rows, latent]`.
+    pub(crate) fn latent(&self, memory: &LstmState) -> candle_core::Result<Tensor> {
         self.out.forward(&memory.h)
     }
 }
@@ -73,8 +73,8 @@ impl SocialForce {
     /// When the configuration is refused, or `vb` holds a weight of another shape.
     pub fn new(cfg: &TrajConfig, vb: VarBuilder) -> Result<Self, TrajError> {
         cfg.check()?;
-        let encoder = |input: usize| [&[input], &cfg.encoder[..], &[cfg.code]].concat();
-        let head = [&[2 * cfg.code], &cfg.decoder[..], &[1]].concat();
+        let encoder = |input: usize| [&[input], &cfg.encoder[..], &[cfg.latent_dim]].concat();
+        let head = [&[2 * cfg.latent_dim], &cfg.decoder[..], &[1]].concat();
         let strength = |name: &str| {
             let vb = vb.pp(name);
             // Asked for first, so that it starts from this value and not from the layer's own.
@@ -84,12 +84,12 @@ impl SocialForce {
         let line =
             if cfg.lines { Some((Mlp::new(&encoder(2), vb.pp("enc_line"))?, strength("k_line")?)) } else { None };
         let attraction = Attraction {
-            front: Front::new(cfg, 1, &vb)?,
+            history_encoder: HistoryEncoder::new(cfg, 1, &vb)?,
             enc_goal: Mlp::new(&encoder(2), vb.pp("enc_goal"))?,
             tau: Mlp::new(&head, vb.pp("tau"))?,
         };
         let repulsion = Repulsion {
-            front: Front::new(cfg, 2, &vb)?,
+            history_encoder: HistoryEncoder::new(cfg, 2, &vb)?,
             enc_nei: Mlp::new(&encoder(4), vb.pp("enc_nei"))?,
             k: strength("k")?,
             line,
@@ -183,7 +183,7 @@ impl SocialForce {
     }
 }
 
-/// `largest * sigmoid(head(inputs))`, one strength a row: `inputs` `[rows, slots, 2 * code]` gives
+/// `largest * sigmoid(head(inputs))`, one strength a row: `inputs` `[rows, slots, 2 * latent]` gives
 /// `[rows, slots]`.
 pub(crate) fn strength(head: &Mlp, inputs: &Tensor, largest: f64) -> candle_core::Result<Tensor> {
     let (rows, slots, width) = inputs.dims3()?;

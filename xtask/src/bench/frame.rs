@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use candle_core::{Device, Tensor};
 use gnp_data::{Dataset, Expectation, Observation, Predictor as _, Recording, WindowSet, discover, read};
 use gnp_goal::GoalNet;
-use gnp_model::{Checkpoint, Features, Gnp, Header, Part};
+use gnp_model::{Checkpoint, Component, Features, Gnp, Header};
 use gnp_modes::Modes;
 use gnp_nn::Weights;
 use gnp_traj::SocialForce;
@@ -89,9 +89,9 @@ fn model(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Gnp> {
     let weights = [Weights::seeded(1, &Device::Cpu), Weights::seeded(2, &Device::Cpu)];
     GoalNet::new(&config.goal.net, features.goal_shape(), weights[0].builder())?;
     SocialForce::new(&config.traj, weights[1].builder())?;
-    let modes = modes(config.modes.modes, shape.predicted, &features);
+    let modes = modes(config.modes.modes, shape.t_pred, &features);
     let header = Header {
-        part: Part::Goal,
+        part: Component::Goal,
         dataset: config.dataset,
         simulated: true,
         shape,
@@ -105,7 +105,7 @@ fn model(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Gnp> {
         scores: BTreeMap::new(),
         trainer: None,
     };
-    let force = Header { part: Part::Repulsion, goal: None, traj: Some(config.traj.clone()), ..header.clone() };
+    let force = Header { part: Component::Repulsion, goal: None, traj: Some(config.traj.clone()), ..header.clone() };
     let [goal, force] = [(header, &weights[0]), (force, &weights[1])].map(|(header, weights)| {
         let tensors = weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach()));
         Checkpoint { header, tensors: tensors.collect::<BTreeMap<String, Tensor>>() }

@@ -149,8 +149,8 @@ impl Goal {
             dropout: 0.,
             probability: ProbabilityHead::Encoder,
             regression: Regression::Absolute,
-            nobody: false,
-            slot_code: false,
+            null_token: false,
+            slot_embedding: false,
         };
         let shape = GoalShape { observed: 4 * observed, neighbour: 4 * observed, slots: SLOTS, t_pred: predicted };
         let fused = Twice::new(|vb| Ok(GoalNet::new(&config, shape, vb)?))?;

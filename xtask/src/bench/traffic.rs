@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 use candle_core::Device;
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet, discover, read};
-use gnp_model::{Features, Seen};
+use gnp_model::{AugmentedView, Features};
 
 use crate::config::RunConfig;
 use crate::{memory, project};
@@ -94,8 +94,11 @@ pub(super) fn features(recordings: &[Recording]) -> Result<Features> {
 pub(super) fn cut_and_see(recordings: &[Recording], features: &Features) -> Result<usize> {
     let (set, _) = WindowSet::cut(recordings, &windows(1.))?;
     for ids in set.ids().chunks(64) {
-        let seen: Vec<Seen<'_>> =
-            ids.iter().filter_map(|id| set.get(*id)).map(|window| Seen::recorded(window.observation())).collect();
+        let seen: Vec<AugmentedView<'_>> = ids
+            .iter()
+            .filter_map(|id| set.get(*id))
+            .map(|window| AugmentedView::recorded(window.observation()))
+            .collect();
         features.goal_inputs(&seen, &Device::Cpu)?;
     }
     Ok(set.len())

@@ -31,7 +31,7 @@ pub(super) fn modes(material: &Material<'_>) -> Figure {
         centres: (0..modes.len()).filter_map(|i| modes.centre(i).map(pairs)).collect(),
         sizes: modes.sizes.clone(),
         deviation: modes.frame == ModeFrame::Deviation,
-        seconds: shape.predicted as f64 * shape.dt(),
+        seconds: shape.t_pred as f64 * shape.dt(),
     };
     intentions(&drawn, &own_source(material.session, "training"))
 }

@@ -53,7 +53,7 @@ fn explained(material: &Material<'_>, window: &Window<'_>, what: &str) -> Result
     let seen = window.observation();
     let k = material.session.config.predict.k;
     let forecast = material.gnp.predict(&[seen], k).map_err(|error| anyhow!(error))?.pop().unwrap_or_default();
-    let speed = seen.target(seen.shape().observed - 1).vx;
+    let speed = seen.target(seen.shape().t_obs - 1).vx;
     let key = window.key();
     let title = format!("{what}: {}, vehicle {}, frame {}, {speed:.0} m/s", key.recording, key.vehicle, key.t0);
     Ok(Scene::of(window, forecast, title))

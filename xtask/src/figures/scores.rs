@@ -113,8 +113,8 @@ fn percent(dot: Dot) -> Dot {
     Dot { value: 100. * dot.value, interval: dot.interval.map(|ends| ends.map(|end| 100. * end)) }
 }
 
-fn told(scored: &Scored<'_>, system: &str) -> bool {
-    scored.scores.iter().any(|score| score.model == system && score.future_input)
+fn uses_future(scored: &Scored<'_>, system: &str) -> bool {
+    scored.scores.iter().any(|score| score.model == system && score.uses_future)
 }
 
 /// Horizons at which a quantity was measured, s.
@@ -136,7 +136,7 @@ fn by_horizon(scored: &Scored<'_>, scores: &[&Score]) -> (Vec<DotPanel>, String)
             let found: Vec<Option<&Score>> = horizons.iter().map(|h| of(scores, quantity, system, *h)).collect();
             DotRow {
                 name: (*system).to_owned(),
-                told: told(scored, system),
+                uses_future: uses_future(scored, system),
                 note: found.last().copied().flatten().map_or_else(String::new, |score| dot_note(score.value)),
                 dots: found.into_iter().map(|score| score.map(dot)).collect(),
             }
@@ -173,7 +173,7 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
             let interval = difference.ci_low.zip(difference.ci_high).map(|(low, high)| [-high, -low]);
             Some(DotRow {
                 name: (*system).to_owned(),
-                told: told(scored, system),
+                uses_future: uses_future(scored, system),
                 dots: vec![Some(Dot { value: -difference.value, interval })],
                 note: dot_note(score.value),
             })
@@ -181,7 +181,7 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
         let full = of(scores, quantity, scored.ours, last);
         let row = full.map(|score| DotRow {
             name: scored.ours.to_owned(),
-            told: false,
+            uses_future: false,
             dots: vec![Some(Dot { value: 0., interval: None })],
             note: dot_note(score.value),
         });
@@ -200,7 +200,7 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
             let score = of(scores, OVERLAP, system, last)?;
             Some(DotRow {
                 name: (*system).to_owned(),
-                told: told(scored, system),
+                uses_future: uses_future(scored, system),
                 dots: vec![Some(percent(dot(score)))],
                 note: format!("{:.1}", 100. * score.value),
             })
@@ -245,21 +245,21 @@ mod tests {
             windows: 85,
             vehicles: 80,
             simulated: false,
-            future_input: model == "told",
+            uses_future: model == "uses_future",
         }
     }
 
     fn scored<'a>(scores: &'a [Score], differences: &'a [Comparison]) -> Scored<'a> {
         let source = Source { words: "made up".to_owned(), simulated: false };
-        Scored { ours: "gnp", systems: &["gnp", "other", "told"], scores, differences, source }
+        Scored { ours: "gnp", systems: &["gnp", "other", "uses_future"], scores, differences, source }
     }
 
     fn scores() -> Vec<Score> {
         let value = |model: &str| if model == "gnp" { 1. } else { 1.5 };
         let mut all = Vec::new();
-        for model in ["gnp", "other", "told"] {
+        for model in ["gnp", "other", "uses_future"] {
             all.extend([1., 5.].map(|h| score(model, LIKELIEST, h, h * value(model))));
-            if model != "told" {
+            if model != "uses_future" {
                 all.push(score(model, BEST_OF_6, 5., value(model)));
                 all.push(score(model, OVERLAP, 5., 0.1 * value(model)));
             }
@@ -285,7 +285,7 @@ mod tests {
             windows: 85,
             vehicles: 80,
             simulated: false,
-            future_input: b == "told",
+            uses_future: b == "uses_future",
         }
     }
 
@@ -295,7 +295,7 @@ mod tests {
         let scored = scored(&scores, &[]);
         let of_site: Vec<&Score> = scores.iter().collect();
         let (panels, _) = by_horizon(&scored, &of_site);
-        assert_eq!(panels[0].rows.iter().map(|row| row.told).collect::<Vec<_>>(), [false, false, true]);
+        assert_eq!(panels[0].rows.iter().map(|row| row.uses_future).collect::<Vec<_>>(), [false, false, true]);
         assert_eq!(panels[0].columns, ["1", "5"]);
         assert_eq!(panels[0].rows[1].dots[1].unwrap().value, 7.5);
         // Under a protocol without future input there is no such row.
@@ -310,7 +310,7 @@ mod tests {
     fn a_worse_variant_lies_right_of_zero() {
         let scores = scores();
         let differences =
-            [difference(LIKELIEST, "other"), difference(LIKELIEST, "told"), difference(BEST_OF_6, "other")];
+            [difference(LIKELIEST, "other"), difference(LIKELIEST, "uses_future"), difference(BEST_OF_6, "other")];
         let scored = scored(&scores, &differences);
         let of_site: Vec<&Score> = scores.iter().collect();
         let (panels, _) = ablation(&scored, &of_site, "us-101");

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use anyhow::{Result, anyhow};
 use gnp_data::{Predictor as _, Recording};
-use gnp_plot::{Figure, Forecast1, SpaceTime, Trace, space_time};
+use gnp_plot::{Figure, LongitudinalForecast, SpaceTime, Trace, space_time};
 
 use super::Material;
 
@@ -98,7 +98,7 @@ fn busiest(recording: &Recording, shown: u32) -> Option<Lane> {
 }
 
 /// Forecasts of test windows in that lane and time, not too close for one vehicle.
-fn forecasts(material: &Material<'_>, index: usize, lane: Lane, shown: u32) -> Result<Vec<Forecast1>> {
+fn forecasts(material: &Material<'_>, index: usize, lane: Lane, shown: u32) -> Result<Vec<LongitudinalForecast>> {
     let recording = &material.recordings[index];
     let rate = recording.meta().rate_hz;
     let mut last: BTreeMap<u32, u32> = BTreeMap::new();
@@ -125,7 +125,7 @@ fn forecasts(material: &Material<'_>, index: usize, lane: Lane, shown: u32) -> R
         let path = mode.path.iter().enumerate().map(|(j, p)| [start + (j + 1) as f64 * dt, x + f64::from(p[0])]);
         let mut points = vec![[start, x]];
         points.extend(path.skip(4).step_by(5));
-        forecasts.push(Forecast1 { points });
+        forecasts.push(LongitudinalForecast { points });
     }
     Ok(forecasts)
 }

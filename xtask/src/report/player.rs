@@ -1,37 +1,37 @@
 //! What the scene player of a report plays, short as text.
 
 use anyhow::Result;
-use gnp_data::{LineKind, Mode, Split, StepForces, WindowSet};
+use gnp_data::{MarkingKind, Mode, Split, StepForces, WindowSet};
 use gnp_plot::{PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedVehicle};
 
+use crate::clip::{Clip, Made, Shown, class_word};
 use crate::session::Session;
-use crate::stretch::{Made, Shown, Stretch, class_word};
 
-/// The stretch that is played; `None` without lanes.
+/// The clip that is played; `None` without lanes.
 pub(super) fn recording(session: &Session, set: &WindowSet<'_>, split: &Split) -> Result<Option<PlayedRecording>> {
-    Ok(Stretch::of(session, set, split)?.map(|stretch| played(&stretch)))
+    Ok(Clip::of(session, set, split)?.map(|clip| played(&clip)))
 }
 
-fn played(stretch: &Stretch<'_>) -> PlayedRecording {
-    let (recording, shape) = (stretch.recording, stretch.shape);
-    let lines = recording.roads()[usize::from(stretch.road)].lines.iter();
+fn played(clip: &Clip<'_>) -> PlayedRecording {
+    let (recording, shape) = (clip.recording, clip.shape);
+    let lines = recording.roads()[usize::from(clip.road)].lines.iter();
     PlayedRecording {
         simulated: recording.meta().simulated,
-        rate: stretch.rate,
-        frames: stretch.frames,
-        observed: (shape.observed - 1) as f64 * shape.dt(),
-        horizon: shape.predicted as f64 * shape.dt(),
-        every: stretch.every() as f64 * shape.dt(),
+        rate: clip.rate,
+        frames: clip.frames,
+        observed: (shape.t_obs - 1) as f64 * shape.dt(),
+        horizon: shape.t_pred as f64 * shape.dt(),
+        every: clip.every() as f64 * shape.dt(),
         lines: lines
-            .map(|line| PlayedLine { y: centimetres(line.y), boundary: line.kind == LineKind::Boundary })
+            .map(|line| PlayedLine { y: centimetres(line.y), boundary: line.kind == MarkingKind::Boundary })
             .collect(),
-        vehicles: stretch.vehicles.iter().map(|vehicle| played_vehicle(stretch, vehicle)).collect(),
-        forecasts: stretch.forecasts.iter().map(|made| played_forecast(made, stretch.every())).collect(),
+        vehicles: clip.vehicles.iter().map(|vehicle| played_vehicle(clip, vehicle)).collect(),
+        forecasts: clip.forecasts.iter().map(|made| played_forecast(made, clip.every())).collect(),
     }
 }
 
-fn played_vehicle(stretch: &Stretch<'_>, vehicle: &Shown<'_>) -> PlayedVehicle {
-    let columns = stretch.recording.columns();
+fn played_vehicle(clip: &Clip<'_>, vehicle: &Shown<'_>) -> PlayedVehicle {
+    let columns = clip.recording.columns();
     let column = |values: &[f32]| differences(vehicle.rows.iter().map(|(_, row)| centimetres(values[*row])));
     PlayedVehicle {
         id: vehicle.track.vehicle,

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use gnp_learned::{Informed, Learned, LearnedError, LearnedKind, Recipe, Training};
+use gnp_neural_baselines::{NeuralBaseline, NeuralBaselineError, Recipe, TrainedBaseline, Training, WithFuture};
 
 use crate::stop::{Interrupted, STOP};
 use crate::tables::Fold;
@@ -27,8 +27,8 @@ pub(crate) fn read(path: &Path) -> Result<Recipes> {
 fn parse(text: &str) -> Result<Recipes> {
     let recipes: Recipes = toml::from_str(text).map_err(|error| anyhow::anyhow!("{}", error.to_string().trim_end()))?;
     for (stem, recipe) in &recipes {
-        if !LearnedKind::ALL.iter().any(|kind| kind.stem() == stem) {
-            let known: Vec<&str> = LearnedKind::ALL.iter().map(|kind| kind.stem()).collect();
+        if !NeuralBaseline::ALL.iter().any(|kind| kind.stem() == stem) {
+            let known: Vec<&str> = NeuralBaseline::ALL.iter().map(|kind| kind.stem()).collect();
             bail!("[{stem}]: no such baseline; there are {}", known.join(", "));
         }
         recipe.check().with_context(|| format!("[{stem}]"))?;
@@ -40,38 +40,38 @@ fn parse(text: &str) -> Result<Recipes> {
 ///
 /// # Errors
 /// When the training fails; [`Interrupted`].
-pub(crate) fn system(kind: LearnedKind, recipe: &Recipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
+pub(crate) fn system(kind: NeuralBaseline, recipe: &Recipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
     let Fold { session, set, split, .. } = fold;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let recipe = Recipe { seed: recipe.seed.wrapping_add(session.config.seed), ..recipe.clone() };
     let data = Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash() };
     let watch = Watch::new(session.terminal(), kind.name(), recipe.epochs());
-    match Learned::train(kind, &recipe, &data, folder, &session.machine.device, watch, &STOP) {
-        Err(LearnedError::Interrupted { .. }) => Err(Interrupted.into()),
+    match TrainedBaseline::train(kind, &recipe, &data, folder, &session.machine.device, watch, &STOP) {
+        Err(NeuralBaselineError::Interrupted { .. }) => Err(Interrupted.into()),
         Err(error) => Err(anyhow::Error::new(error).context(format!("{} failed", kind.name()))),
-        Ok(learned) if kind.is_informed() => Ok(System::told(kind.name(), Told(learned))),
-        Ok(learned) => Ok(System::blind(kind.name(), learned)),
+        Ok(learned) if kind.uses_future() => Ok(System::oracle(kind.name(), OracleBaseline(learned))),
+        Ok(learned) => Ok(System::predictor(kind.name(), learned)),
     }
 }
 
 /// A baseline that goes by recorded futures, whole.
-struct Told(Learned);
+struct OracleBaseline(TrainedBaseline);
 
-impl gnp_data::InformedPredictor for Told {
+impl gnp_data::OraclePredictor for OracleBaseline {
     fn name(&self) -> &str {
         self.0.kind().name()
     }
 
-    fn predict_informed(
+    fn predict_with_future(
         &self,
         windows: &[gnp_data::Window<'_>],
         k: usize,
     ) -> Result<Vec<gnp_data::Forecast>, gnp_data::PredictError> {
-        let informed: Informed<'_> = self.0.informed().ok_or_else(|| gnp_data::PredictError::Model {
+        let informed: WithFuture<'_> = self.0.with_future().ok_or_else(|| gnp_data::PredictError::Model {
             model: self.0.kind().name().to_owned(),
             source: "takes no recorded future".into(),
         })?;
-        informed.predict_informed(windows, k)
+        informed.predict_with_future(windows, k)
     }
 }
 
@@ -81,7 +81,7 @@ mod tests {
     use crate::project;
 
     fn embedded() -> String {
-        fs::read_to_string(project::root().join("configs/learned.toml")).unwrap()
+        fs::read_to_string(project::root().join("configs/neural-baselines.toml")).unwrap()
     }
 
     #[test]

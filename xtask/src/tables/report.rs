@@ -88,7 +88,7 @@ impl Scored {
     }
 
     /// What was scored, in words.
-    fn part(&self) -> String {
+    fn subset(&self) -> String {
         let part = self.session.config.evaluate.part.name();
         match self.hashes.len() {
             1 => format!("{part} part"),
@@ -158,7 +158,7 @@ pub(crate) fn write_report(report: &Report<'_>, scored: &Scored, folder: &Path) 
         scores: &scores,
         differences: &differences,
         source: Source {
-            words: format!("{}, {}", session.folder.state.data.words, scored.part()),
+            words: format!("{}, {}", session.folder.state.data.words, scored.subset()),
             simulated: session.folder.state.data.simulated,
         },
     };

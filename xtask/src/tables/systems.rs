@@ -3,8 +3,8 @@
 use std::sync::atomic::Ordering;
 
 use anyhow::Result;
-use gnp_data::{Forecast, InformedPredictor, Observation, PredictError, Predictor, Window, WindowId, WindowSet};
-use gnp_eval::{Entrant, EvalConfig, EvalError, Evaluation, evaluate};
+use gnp_data::{Forecast, Observation, OraclePredictor, PredictError, Predictor, Window, WindowId, WindowSet};
+use gnp_eval::{EvalConfig, EvalError, EvaluatedModel, Evaluation, evaluate};
 
 use crate::stop::{Interrupted, STOP};
 use crate::terminal::Terminal;
@@ -17,18 +17,18 @@ pub(crate) struct System {
 
 enum Model {
     Blind(Box<dyn Predictor>),
-    Told(Box<dyn InformedPredictor>),
+    Oracle(Box<dyn OraclePredictor>),
 }
 
 impl System {
     /// A system that sees the past alone.
-    pub(crate) fn blind(name: impl Into<String>, model: impl Predictor + 'static) -> Self {
+    pub(crate) fn predictor(name: impl Into<String>, model: impl Predictor + 'static) -> Self {
         Self { name: name.into(), model: Model::Blind(Box::new(model)) }
     }
 
     /// A system that is handed recorded futures.
-    pub(crate) fn told(name: impl Into<String>, model: impl InformedPredictor + 'static) -> Self {
-        Self { name: name.into(), model: Model::Told(Box::new(model)) }
+    pub(crate) fn oracle(name: impl Into<String>, model: impl OraclePredictor + 'static) -> Self {
+        Self { name: name.into(), model: Model::Oracle(Box::new(model)) }
     }
 
     /// Its row.
@@ -37,12 +37,12 @@ impl System {
     }
 
     /// Whether it is handed recorded futures.
-    pub(crate) fn is_told(&self) -> bool {
-        matches!(self.model, Model::Told(_))
+    pub(crate) fn uses_future(&self) -> bool {
+        matches!(self.model, Model::Oracle(_))
     }
 
-    fn entrant(&self) -> Entrant<'_> {
-        if self.is_told() { Entrant::Informed(self) } else { Entrant::Predictor(self) }
+    fn model(&self) -> EvaluatedModel<'_> {
+        if self.uses_future() { EvaluatedModel::Oracle(self) } else { EvaluatedModel::Predictor(self) }
     }
 }
 
@@ -54,7 +54,7 @@ impl Predictor for System {
     fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
         match &self.model {
             Model::Blind(model) => model.predict(observations, k),
-            Model::Told(_) => {
+            Model::Oracle(_) => {
                 let problem = "is handed recorded futures and cannot go without";
                 Err(PredictError::Model { model: self.name.clone(), source: problem.into() })
             }
@@ -62,18 +62,18 @@ impl Predictor for System {
     }
 }
 
-impl InformedPredictor for System {
+impl OraclePredictor for System {
     fn name(&self) -> &str {
         &self.name
     }
 
-    fn predict_informed(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
         match &self.model {
             Model::Blind(model) => {
                 let seen: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
                 model.predict(&seen, k)
             }
-            Model::Told(model) => model.predict_informed(windows, k),
+            Model::Oracle(model) => model.predict_with_future(windows, k),
         }
     }
 }
@@ -90,13 +90,15 @@ pub(crate) fn score(
     config: &EvalConfig,
     terminal: &Terminal,
 ) -> Result<Evaluation> {
-    let blind: Vec<Entrant<'_>> = systems.iter().filter(|system| !system.is_told()).map(System::entrant).collect();
-    let told: Vec<Entrant<'_>> = systems.iter().filter(|system| system.is_told()).map(System::entrant).collect();
-    let allowing = config.protocols.iter().copied().filter(|protocol| protocol.allows_future_input()).collect();
+    let blind: Vec<EvaluatedModel<'_>> =
+        systems.iter().filter(|system| !system.uses_future()).map(System::model).collect();
+    let uses_future: Vec<EvaluatedModel<'_>> =
+        systems.iter().filter(|system| system.uses_future()).map(System::model).collect();
+    let allowing = config.protocols.iter().copied().filter(|protocol| protocol.allows_future()).collect();
     let allowing = EvalConfig { protocols: allowing, ..config.clone() };
-    let run = |entrants: &[Entrant<'_>], config: &EvalConfig| -> Result<Evaluation> {
+    let run = |models: &[EvaluatedModel<'_>], config: &EvalConfig| -> Result<Evaluation> {
         let mut work = None;
-        let evaluation = evaluate(set, ids, entrants, config, &mut |batch| {
+        let evaluation = evaluate(set, ids, models, config, &mut |batch| {
             let work = work.get_or_insert_with(|| terminal.work("score", batch.total as u64, "forecasts"));
             work.at(batch.done as u64, batch.model);
             if STOP.load(Ordering::SeqCst) { Err(EvalError::Stopped) } else { Ok(()) }
@@ -107,8 +109,8 @@ pub(crate) fn score(
         }
     };
     let evaluation = run(&blind, config)?;
-    if told.is_empty() || allowing.protocols.is_empty() {
+    if uses_future.is_empty() || allowing.protocols.is_empty() {
         return Ok(evaluation);
     }
-    Ok(evaluation.joined(run(&told, &allowing)?)?)
+    Ok(evaluation.joined(run(&uses_future, &allowing)?)?)
 }

@@ -26,7 +26,8 @@ fn windows_of(split: &Value, part: &str) -> u64 {
 
 /// Two of the recipes that come with the project, over in a moment.
 fn recipes(folder: &Path) -> String {
-    let mut recipes: toml::Table = fs::read_to_string(root().join("configs/learned.toml")).unwrap().parse().unwrap();
+    let mut recipes: toml::Table =
+        fs::read_to_string(root().join("configs/neural-baselines.toml")).unwrap().parse().unwrap();
     recipes.retain(|stem, _| ["s_lstm", "cs_lstm_m"].contains(&stem));
     for (_, recipe) in recipes.iter_mut() {
         for (key, value) in [("warm_up_epochs", 1), ("likelihood_epochs", 1), ("epoch_windows", 32)] {
@@ -151,7 +152,7 @@ fn ablations_share_what_they_do_not_change() {
                 && s["k"] == k
                 && s["horizon_s"] == 5.
         });
-        found.map(|score| (score["value"].as_f64().unwrap(), score["future_input"].as_bool().unwrap()))
+        found.map(|score| (score["value"].as_f64().unwrap(), score["uses_future"].as_bool().unwrap()))
     };
     assert_eq!(score("no modes", "clean", "min_fde", 6), score("no modes", "clean", "fde", 1));
     assert_ne!(score("no modes", "clean", "fde", 1), score("no modes, no repulsion", "clean", "fde", 1));

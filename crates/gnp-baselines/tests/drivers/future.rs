@@ -11,7 +11,7 @@ fn another_future_gives_the_same_forecasts_to_the_last_bit() {
         let after = |t: f64, jump: f64| if scrambled && t > 1e-6 { jump * (7. * t).sin() } else { 0. };
         let target = |t: f64| [14. * t + 0.3 * t * t + after(t, 50.), 0.2 * t + after(t, 3.)];
         let leader = |t: f64| [25. + 11. * t + after(t, -80.), after(t, 2.)];
-        road(SHAPE, SHAPE.predicted, &[Car { from: 0, at: &target }, Car { from: 3, at: &leader }])
+        road(SHAPE, SHAPE.t_pred, &[Car { from: 0, at: &target }, Car { from: 3, at: &leader }])
     };
     let (one, other) = (recorded(false), recorded(true));
     let last = one.tracks()[0].rows.end - 1;

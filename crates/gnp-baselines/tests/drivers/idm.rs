@@ -5,7 +5,7 @@ use gnp_data::WindowShape;
 
 use crate::road::{Car, SHAPE, path, road};
 
-const LONG: WindowShape = WindowShape { observed: 16, predicted: 300, step: 1, rate_hz: 10. };
+const LONG: WindowShape = WindowShape { t_obs: 16, t_pred: 300, step: 1, rate_hz: 10. };
 
 /// Speeds between predicted frames, m/s, the last observed centre included.
 fn speeds(path: &[[f32; 2]], dt: f64) -> Vec<f64> {
@@ -89,9 +89,9 @@ fn a_leader_without_a_past_goes_as_fast_as_its_follower() {
         let recording = road(SHAPE, 0, &[Car { from: 0, at: &target }, Car { from, at: &leader }]);
         path(&Idm::default(), SHAPE, &recording)[29][0]
     };
-    assert!((at(SHAPE.observed - 1) - 45.).abs() < 1e-2);
+    assert!((at(SHAPE.t_obs - 1) - 45.).abs() < 1e-2);
     // Two frames are enough to see that it is slower.
-    assert!((at(SHAPE.observed - 2) - at(0)).abs() < 1e-2 && at(0) < 40.);
+    assert!((at(SHAPE.t_obs - 2) - at(0)).abs() < 1e-2 && at(0) < 40.);
 }
 
 #[test]

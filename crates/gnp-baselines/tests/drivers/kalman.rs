@@ -15,7 +15,7 @@ fn kalman(position: f64, wander: f64) -> Kalman {
 
 fn gaussians(kalman: &Kalman, at: &dyn Fn(f64) -> [f64; 2]) -> Vec<Gaussian> {
     let recording = road(SHAPE, 0, &[Car { from: 0, at }]);
-    kalman.gaussians(&Observation::new(&recording, SHAPE, 0, SHAPE.observed - 1).unwrap()).unwrap()
+    kalman.gaussians(&Observation::new(&recording, SHAPE, 0, SHAPE.t_obs - 1).unwrap()).unwrap()
 }
 
 #[test]
@@ -89,7 +89,7 @@ fn the_likelihood_is_the_logarithm_of_a_density() {
 #[test]
 fn the_fit_finds_the_noise_that_made_the_windows() {
     let made = [AxisNoise { position: 0.4, wander: 0.8 }, AxisNoise { position: 0.1, wander: 0.3 }];
-    let shape = WindowShape { observed: 12, predicted: 20, step: 1, rate_hz: 5. };
+    let shape = WindowShape { t_obs: 12, t_pred: 20, step: 1, rate_hz: 5. };
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.;
     let recordings: Vec<_> = (0..400)
@@ -97,7 +97,7 @@ fn the_fit_finds_the_noise_that_made_the_windows() {
             let mut paths = [Vec::new(), Vec::new()];
             for (path, noise) in paths.iter_mut().zip(made) {
                 let (mut x, mut v) = (0., if noise.wander > 0.5 { 20. } else { 0. });
-                for _ in 0..shape.observed + shape.predicted {
+                for _ in 0..shape.t_obs + shape.t_pred {
                     path.push(x + noise.position * normal());
                     // A white acceleration over a period, in 4 parts.
                     for _ in 0..4 {
@@ -108,10 +108,10 @@ fn the_fit_finds_the_noise_that_made_the_windows() {
                 }
             }
             let at = |t: f64| {
-                let frame = (t * 5.).round() as i64 + shape.observed as i64 - 1;
+                let frame = (t * 5.).round() as i64 + shape.t_obs as i64 - 1;
                 [0, 1].map(|axis: usize| paths[axis][frame as usize])
             };
-            road(shape, shape.predicted, &[Car { from: 0, at: &at }])
+            road(shape, shape.t_pred, &[Car { from: 0, at: &at }])
         })
         .collect();
     let windows: Vec<_> = recordings.iter().map(|recording| Window::new(recording, shape, 0, 11).unwrap()).collect();
@@ -134,11 +134,11 @@ fn bad_parameters_and_windows_are_refused() {
     let message = Kalman::new(bad).unwrap_err().to_string();
     assert!(message.contains("position") && message.contains("positive"), "{message}");
     assert!(Kalman::fit(&[]).unwrap_err().to_string().contains("training windows"));
-    let recording = road(SHAPE, SHAPE.predicted, &[Car { from: 0, at: &|t| [t, 0.] }]);
-    let single = WindowShape { observed: 1, ..SHAPE };
+    let recording = road(SHAPE, SHAPE.t_pred, &[Car { from: 0, at: &|t| [t, 0.] }]);
+    let single = WindowShape { t_obs: 1, ..SHAPE };
     let observation = Observation::new(&recording, single, 0, 4).unwrap();
     assert!(Kalman::default().predict(&[observation], 1).unwrap_err().to_string().contains("2 observed frames"));
     let window = |shape| Window::new(&recording, shape, 0, 15).unwrap();
-    assert!(Kalman::fit(&[window(SHAPE), window(WindowShape { predicted: 9, ..SHAPE })]).is_err());
+    assert!(Kalman::fit(&[window(SHAPE), window(WindowShape { t_pred: 9, ..SHAPE })]).is_err());
     assert!(Kalman::fit(&[window(single)]).is_err());
 }

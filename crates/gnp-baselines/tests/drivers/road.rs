@@ -4,7 +4,7 @@ use gnp_data::{
     Columns, Dataset, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowShape,
 };
 
-pub(crate) const SHAPE: WindowShape = WindowShape { observed: 16, predicted: 30, step: 1, rate_hz: 10. };
+pub(crate) const SHAPE: WindowShape = WindowShape { t_obs: 16, t_pred: 30, step: 1, rate_hz: 10. };
 
 /// A vehicle of 4 m in the first frames, whose centre at time `t` (s; 0 in the last observed frame)
 /// is `at(t)`, recorded from frame `from` on.
@@ -19,8 +19,8 @@ pub(crate) fn road(shape: WindowShape, after: usize, cars: &[Car<'_>]) -> Record
     let mut tracks = Vec::new();
     for (number, car) in cars.iter().enumerate() {
         let first = columns.x.len();
-        for frame in car.from..shape.observed + after {
-            let [x, y] = (car.at)((frame as f64 + 1. - shape.observed as f64) * shape.dt());
+        for frame in car.from..shape.t_obs + after {
+            let [x, y] = (car.at)((frame as f64 + 1. - shape.t_obs as f64) * shape.dt());
             columns.x.push(x as f32);
             columns.y.push(y as f32);
             // Not to be used: a stored velocity may know the next row.
@@ -57,9 +57,9 @@ pub(crate) fn road(shape: WindowShape, after: usize, cars: &[Car<'_>]) -> Record
 
 /// The one path that `predictor` gives the target.
 pub(crate) fn path(predictor: &dyn Predictor, shape: WindowShape, recording: &Recording) -> Vec<[f32; 2]> {
-    let observation = Observation::new(recording, shape, 0, shape.observed - 1).unwrap();
+    let observation = Observation::new(recording, shape, 0, shape.t_obs - 1).unwrap();
     let mut forecasts = predictor.predict(&[observation], 6).unwrap();
     let mut modes = forecasts.pop().unwrap().modes;
-    assert_eq!((modes.len(), modes[0].probability, modes[0].path.len()), (1, 1., shape.predicted));
+    assert_eq!((modes.len(), modes[0].probability, modes[0].path.len()), (1, 1., shape.t_pred));
     modes.pop().unwrap().path
 }

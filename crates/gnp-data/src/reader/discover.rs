@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use super::Source;
-use super::highd::{self, Part};
+use super::highd::{self, TableKind};
 use super::ngsim;
 use super::sniff::Head;
 use crate::error::DataError;
@@ -176,7 +176,7 @@ fn ngsim_sources(root: &Path, found: &mut Found) -> Result<Vec<Source>, DataErro
 fn highd_sources(root: &Path, only: Option<&Path>, found: &mut Found) -> Result<Vec<Source>, DataError> {
     #[derive(Default)]
     struct Group {
-        parts: BTreeMap<Part, PathBuf>,
+        parts: BTreeMap<TableKind, PathBuf>,
         simulated: bool,
         notes: Vec<String>,
     }
@@ -210,8 +210,11 @@ fn highd_sources(root: &Path, only: Option<&Path>, found: &mut Found) -> Result<
     }
     let mut sources = Vec::new();
     for (name, group) in groups.into_iter().filter(|(name, _)| wanted.contains(name)) {
-        let partners =
-            [(Part::Tracks, "tracks"), (Part::TracksMeta, "tracksMeta"), (Part::RecordingMeta, "recordingMeta")];
+        let partners = [
+            (TableKind::Tracks, "tracks"),
+            (TableKind::TracksMeta, "tracksMeta"),
+            (TableKind::RecordingMeta, "recordingMeta"),
+        ];
         for (part, partner) in partners {
             if !group.parts.contains_key(&part) {
                 let file = group.parts.into_values().next().unwrap_or_default();

@@ -13,13 +13,13 @@ use super::table::{Kind, Table, Values, Wanted};
 use super::{Expectation, Source, check_rate};
 use crate::assemble::{Body, Rows, assemble};
 use crate::error::DataError;
+use crate::ingest_report::IngestReport;
 use crate::lanes::MAX_LANE_WIDTH;
-use crate::quality::Quality;
-use crate::recording::{Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, VehicleClass};
+use crate::recording::{Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, VehicleClass};
 
 /// Which of the three files of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Part {
+pub(super) enum TableKind {
     Tracks,
     TracksMeta,
     RecordingMeta,
@@ -68,11 +68,11 @@ pub(super) const RECORDING_META: [&str; 4] = ["frameRate", "locationId", "upperL
 const MAX_SPEED: f32 = 70.;
 
 /// The part a file is, with its table.
-pub(super) fn recognise(file: &Path, head: &Head) -> Result<Option<(Part, Table)>, DataError> {
-    let parts: [(Part, &[&str], &[&str], usize); 3] = [
-        (Part::RecordingMeta, &RECORDING_META, &RECORDING_META, 2),
-        (Part::TracksMeta, &TRACKS_META_KNOWN, &TRACKS_META, 4),
-        (Part::Tracks, &TRACKS, &TRACKS, 9),
+pub(super) fn recognise(file: &Path, head: &Head) -> Result<Option<(TableKind, Table)>, DataError> {
+    let parts: [(TableKind, &[&str], &[&str], usize); 3] = [
+        (TableKind::RecordingMeta, &RECORDING_META, &RECORDING_META, 2),
+        (TableKind::TracksMeta, &TRACKS_META_KNOWN, &TRACKS_META, 4),
+        (TableKind::Tracks, &TRACKS, &TRACKS, 9),
     ];
     for (part, known, needed, least) in parts {
         let (header, hits) = head.header(known);
@@ -97,7 +97,7 @@ pub(super) fn recognise(file: &Path, head: &Head) -> Result<Option<(Part, Table)
 }
 
 /// The recording of a source.
-pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, Quality)>, DataError> {
+pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     let mut tables = [None, None, None];
     for file in &source.files {
         let head = Head::read(file)?.ok_or_else(|| DataError::Empty { file: file.clone() })?;
@@ -177,11 +177,11 @@ fn markings(table: &Table, column: &str, text: &str, driving_direction: u8) -> R
         });
     }
     let last = positions.len() - 1;
-    let kind = |i: usize| if i == 0 || i == last { LineKind::Boundary } else { LineKind::Centre };
-    let mut lines: Vec<LaneLine> = positions
+    let kind = |i: usize| if i == 0 || i == last { MarkingKind::Boundary } else { MarkingKind::LaneDivider };
+    let mut lines: Vec<LaneMarking> = positions
         .iter()
         .enumerate()
-        .map(|(i, y)| LaneLine { kind: kind(i), y: if driving_direction == 1 { *y } else { -y } })
+        .map(|(i, y)| LaneMarking { kind: kind(i), y: if driving_direction == 1 { *y } else { -y } })
         .collect();
     if driving_direction != 1 {
         lines.reverse();

@@ -13,8 +13,8 @@ use super::table::{Kind, Table, Wanted};
 use super::{Expectation, Source, check_rate};
 use crate::assemble::{Body, Rows, assemble};
 use crate::error::DataError;
+use crate::ingest_report::IngestReport;
 use crate::lanes::{self, MAX_LANE_WIDTH};
-use crate::quality::Quality;
 use crate::recording::{Dataset, Recording, RecordingMeta, Road, VehicleClass};
 
 /// The columns of a period's file, which has no header in the official text form.
@@ -133,7 +133,7 @@ struct Raw {
 }
 
 /// Recordings of a file: one for each site and period.
-pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, Quality)>, DataError> {
+pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     let file = source.files.first().ok_or_else(|| DataError::NoRecordings {
         folder: source.name.clone().into(),
         expected: "a table of NGSIM",
@@ -266,7 +266,7 @@ fn build(
     source: &Source,
     expect: &Expectation,
     merged: bool,
-) -> Result<(Recording, Quality), DataError> {
+) -> Result<(Recording, IngestReport), DataError> {
     let at = |i: usize| group.rows.get(i).map_or(i, |row| *row as usize);
     let count = group.rows.len(raw.vehicle.len());
     let moments = Moments { vehicle: &raw.vehicle, frame: &raw.frame, time: &raw.time };

@@ -7,14 +7,14 @@ use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use sha2::{Digest as _, Sha256};
 
-use super::{Part, SplitKind, frames_of};
+use super::{SplitKind, Subset, frames_of};
 use crate::window::WindowId;
 use crate::windows::WindowSet;
 
 /// Windows by part, and how many fell between two, by recording.
 pub(super) struct Assigned {
     pub(super) parts: [Vec<WindowId>; 3],
-    pub(super) straddling: BTreeMap<String, usize>,
+    pub(super) dropped_at_boundary: BTreeMap<String, usize>,
 }
 
 /// How things are dealt out to the parts.
@@ -31,7 +31,7 @@ pub(super) struct Dealing {
 impl Dealing {
     /// The part of a place between 0 and 1 when the folds lie end to end. The tested fold is
     /// compared as a whole number, so that over all folds each place is tested exactly once.
-    fn part_at(self, place: f64) -> Part {
+    fn part_at(self, place: f64) -> Subset {
         if self.folds == 1 {
             return part_at(place, self.shares);
         }
@@ -39,11 +39,11 @@ impl Dealing {
         let own = (at as usize).min(self.folds - 1);
         let after = (own + self.folds - self.fold - 1) % self.folds;
         if after == self.folds - 1 {
-            return Part::Test;
+            return Subset::Test;
         }
         // Of what is not tested, in order from the tested fold on.
         let place = (after as f64 + at.fract()) / (self.folds - 1) as f64;
-        if place < self.shares[0] / (self.shares[0] + self.shares[1]) { Part::Train } else { Part::Validation }
+        if place < self.shares[0] / (self.shares[0] + self.shares[1]) { Subset::Train } else { Subset::Validation }
     }
 }
 
@@ -56,7 +56,7 @@ pub(super) fn assign(
     dealing: Dealing,
     seed: u64,
 ) -> Assigned {
-    let mut assigned = Assigned { parts: Default::default(), straddling: BTreeMap::new() };
+    let mut assigned = Assigned { parts: Default::default(), dropped_at_boundary: BTreeMap::new() };
     let mut by_name: BTreeMap<&str, Vec<WindowId>> = BTreeMap::new();
     let name = |recording: usize| set.recordings()[recording].meta().name.as_str();
     let together: Vec<&str> = if kind == SplitKind::Recording {
@@ -94,8 +94,8 @@ pub(super) fn assign(
                 }
             }
             SplitKind::Time => {
-                let straddling = assign_by_time(set, &ids, dealing.shares, &mut assigned.parts);
-                assigned.straddling.insert(name.to_owned(), straddling);
+                let dropped_at_boundary = assign_by_time(set, &ids, dealing.shares, &mut assigned.parts);
+                assigned.dropped_at_boundary.insert(name.to_owned(), dropped_at_boundary);
             }
             SplitKind::Window | SplitKind::Recording => {
                 let parts = drawn(ids.len(), dealing, &mut rng(seed, name));
@@ -116,11 +116,11 @@ fn rng(seed: u64, name: &str) -> ChaCha8Rng {
 
 /// A part for each of `count` things, drawn without replacement: the shares hold to within one thing,
 /// and on average exactly, also where `count` is small.
-fn drawn(count: usize, dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<Part> {
+fn drawn(count: usize, dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<Subset> {
     let mut order: Vec<usize> = (0..count).collect();
     order.shuffle(rng);
     let phase: f64 = rng.random();
-    let mut parts = vec![Part::Train; count];
+    let mut parts = vec![Subset::Train; count];
     for (place, thing) in order.into_iter().enumerate() {
         parts[thing] = dealing.part_at((place as f64 + phase) / count as f64);
     }
@@ -128,13 +128,13 @@ fn drawn(count: usize, dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<Part> {
 }
 
 /// The part of a place between 0 and 1 when the parts lie end to end.
-fn part_at(place: f64, shares: [f64; 3]) -> Part {
+fn part_at(place: f64, shares: [f64; 3]) -> Subset {
     if place < shares[0] {
-        Part::Train
+        Subset::Train
     } else if place < shares[0] + shares[1] {
-        Part::Validation
+        Subset::Validation
     } else {
-        Part::Test
+        Subset::Test
     }
 }
 
@@ -144,16 +144,16 @@ const DEALS: usize = 64;
 /// A part for each group of windows, whole, so that each part gets a group if there are three.
 ///
 /// Folds are dealt first, the same whichever is tested; what is not tested is dealt out once more.
-fn whole_groups(sizes: &[usize], dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<Part> {
+fn whole_groups(sizes: &[usize], dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<Subset> {
     let Dealing { shares: [train, validation, test], folds, fold } = dealing;
-    let part = |of: usize| Part::ALL[of];
+    let part = |of: usize| Subset::ALL[of];
     if folds == 1 {
         return best_deal(sizes, &[train, validation, test], rng).into_iter().map(part).collect();
     }
     let folds = best_deal(sizes, &vec![test; folds], rng);
     let (rest, others): (Vec<usize>, Vec<usize>) =
         sizes.iter().copied().enumerate().filter(|(group, _)| folds[*group] != fold).unzip();
-    let mut parts = vec![Part::Test; sizes.len()];
+    let mut parts = vec![Subset::Test; sizes.len()];
     for (group, of) in rest.into_iter().zip(best_deal(&others, &[train, validation], rng)) {
         parts[group] = part(of);
     }
@@ -207,14 +207,14 @@ fn assign_by_time(set: &WindowSet<'_>, ids: &[WindowId], shares: [f64; 3], parts
     let last = recording.tracks().iter().map(|track| track.last_frame()).max().unwrap_or(first);
     let frames = f64::from(last - first) + 1.;
     let part_of = |frame: u32| part_at((f64::from(frame - first) + 0.5) / frames, shares);
-    let mut straddling = 0;
+    let mut dropped_at_boundary = 0;
     for id in ids {
         match frames_of(set, *id).map(|(from, to)| (part_of(from), part_of(to))) {
             Some((from, to)) if from == to => parts[from as usize].push(*id),
-            _ => straddling += 1,
+            _ => dropped_at_boundary += 1,
         }
     }
-    straddling
+    dropped_at_boundary
 }
 
 #[cfg(test)]
@@ -228,15 +228,15 @@ mod tests {
     }
 
     /// Each thing is tested in one fold; the rest trains and validates three to one.
-    fn holds_for_folds(sizes: &[usize], deal: impl Fn(usize) -> Vec<Part>, off: f64) {
+    fn holds_for_folds(sizes: &[usize], deal: impl Fn(usize) -> Vec<Subset>, off: f64) {
         let total = sizes.iter().sum::<usize>() as f64;
-        let folds: Vec<Vec<Part>> = (0..3).map(deal).collect();
+        let folds: Vec<Vec<Subset>> = (0..3).map(deal).collect();
         for thing in 0..sizes.len() {
-            assert_eq!(folds.iter().filter(|parts| parts[thing] == Part::Test).count(), 1, "{thing}: {folds:?}");
+            assert_eq!(folds.iter().filter(|parts| parts[thing] == Subset::Test).count(), 1, "{thing}: {folds:?}");
         }
         for parts in &folds {
             let of = |part| parts.iter().zip(sizes).filter(|(p, _)| **p == part).map(|(_, size)| size).sum::<usize>();
-            for (part, share) in [(Part::Train, 0.5), (Part::Validation, 1. / 6.), (Part::Test, 1. / 3.)] {
+            for (part, share) in [(Subset::Train, 0.5), (Subset::Validation, 1. / 6.), (Subset::Test, 1. / 3.)] {
                 assert!((of(part) as f64 - share * total).abs() <= off, "{part:?}: {}, {parts:?}", of(part));
             }
         }
@@ -258,10 +258,10 @@ mod tests {
         let sizes = [30, 11, 860, 25, 14, 40, 20];
         for seed in 0..20 {
             let parts = whole_groups(&sizes, ONCE, &mut ChaCha8Rng::seed_from_u64(seed));
-            assert_eq!(parts[2], Part::Train, "seed {seed}: {parts:?}");
+            assert_eq!(parts[2], Subset::Train, "seed {seed}: {parts:?}");
             let of = |part| parts.iter().zip(sizes).filter(|(p, _)| **p == part).map(|(_, size)| size).sum::<usize>();
-            assert!((30..=60).contains(&of(Part::Validation)), "seed {seed}: {parts:?}");
-            assert!((80..=110).contains(&of(Part::Test)), "seed {seed}: {parts:?}");
+            assert!((30..=60).contains(&of(Subset::Validation)), "seed {seed}: {parts:?}");
+            assert!((80..=110).contains(&of(Subset::Test)), "seed {seed}: {parts:?}");
         }
     }
 
@@ -269,7 +269,7 @@ mod tests {
     fn shares_of_drawn_things_hold_to_within_one() {
         for count in [1, 2, 3, 7, 10, 33, 100] {
             let parts = drawn(count, ONCE, &mut ChaCha8Rng::seed_from_u64(9));
-            for (part, share) in Part::ALL.into_iter().zip([0.7, 0.1, 0.2]) {
+            for (part, share) in Subset::ALL.into_iter().zip([0.7, 0.1, 0.2]) {
                 let got = parts.iter().filter(|p| **p == part).count() as f64;
                 assert!((got - share * count as f64).abs() <= 1., "{count}: {parts:?}");
             }

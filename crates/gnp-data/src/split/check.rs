@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Part, Split, SplitKind, frames_of, kind_of};
+use super::{Split, SplitKind, Subset, frames_of, kind_of};
 use crate::error::DataError;
 use crate::overlap::Overlap;
 use crate::recording::Recording;
@@ -18,10 +18,10 @@ impl Split {
     /// [`DataError::SharedVehicles`] with two recordings that overlap and do,
     /// [`DataError::ForeignSplit`] when `set` does not hold the windows.
     pub fn check(&self, set: &WindowSet<'_>) -> Result<(), DataError> {
-        let mut whole: BTreeMap<(u32, Option<u32>), Part> = BTreeMap::new();
+        let mut whole: BTreeMap<(u32, Option<u32>), Subset> = BTreeMap::new();
         let mut spans: BTreeMap<(u32, u32), Vec<Span>> = BTreeMap::new();
-        for part in Part::ALL {
-            for id in self.part(part) {
+        for part in Subset::ALL {
+            for id in self.subset(part) {
                 let recording = set.recording(*id).ok_or(DataError::ForeignSplit)?;
                 let (first, last) = frames_of(set, *id).ok_or(DataError::ForeignSplit)?;
                 let vehicle = recording.tracks()[id.track as usize].vehicle;
@@ -42,7 +42,7 @@ impl Split {
             // A window that starts at or before the last frame of an earlier one shares that frame.
             let mut reached: [Option<u32>; 3] = [None; 3];
             for (first, last, part) in spans {
-                let others = Part::ALL.into_iter().filter(|other| *other != part);
+                let others = Subset::ALL.into_iter().filter(|other| *other != part);
                 if others.filter_map(|other| reached[other as usize]).any(|reached| reached >= first) {
                     return Err(shared(&set.recordings()[recording as usize], vehicle, first));
                 }
@@ -50,7 +50,7 @@ impl Split {
                 *reached = (*reached).max(Some(last));
             }
         }
-        let part_of: BTreeMap<&str, Part> = whole
+        let part_of: BTreeMap<&str, Subset> = whole
             .iter()
             .filter(|((_, vehicle), _)| vehicle.is_none())
             .map(|((recording, _), part)| (set.recordings()[*recording as usize].meta().name.as_str(), *part))
@@ -67,7 +67,7 @@ impl Split {
 }
 
 /// First and last frame of a window, and its part.
-type Span = (u32, u32, Part);
+type Span = (u32, u32, Subset);
 
 fn shared(recording: &Recording, vehicle: u32, frame: u32) -> DataError {
     DataError::SharedFrame { recording: recording.meta().name.clone(), vehicle, frame }

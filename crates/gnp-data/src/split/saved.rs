@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use super::{Origin, Part, Split, SplitKind};
+use super::{Origin, Split, SplitKind, Subset};
 use crate::error::DataError;
 use crate::overlap::Overlap;
 use crate::window::{WindowId, WindowShape};
@@ -17,11 +17,11 @@ use crate::windows::WindowSet;
 const VERSION: u32 = 1;
 
 /// Windows of a part: recording, then vehicles, then last observed frames.
-type Names = BTreeMap<String, Vec<Stretch>>;
+type Names = BTreeMap<String, Vec<Snippet>>;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Stretch {
+struct Snippet {
     vehicle: u32,
     segment: u16,
     t0: Vec<u32>,
@@ -36,7 +36,7 @@ struct SplitFile {
     kinds: BTreeMap<String, SplitKind>,
     leaks: bool,
     seed: u64,
-    straddling: BTreeMap<String, usize>,
+    dropped_at_boundary: BTreeMap<String, usize>,
     overlaps: Vec<Overlap>,
     train: Names,
     validation: Names,
@@ -57,7 +57,7 @@ impl Split {
             kinds: self.kinds.clone(),
             leaks: self.leaks(),
             seed: self.seed,
-            straddling: self.straddling.clone(),
+            dropped_at_boundary: self.dropped_at_boundary.clone(),
             overlaps: self.overlaps.clone(),
             train: names(set, self.train()),
             validation: names(set, self.validation()),
@@ -92,12 +92,12 @@ fn parse(set: &WindowSet<'_>, bytes: &[u8]) -> Result<Split, String> {
     }
     let (found, wanted) = (file.shape, set.shape());
     if !found.fits(&wanted) {
-        let show = |s: WindowShape| format!("{} + {} frames at {} Hz", s.observed, s.predicted, s.rate_hz);
+        let show = |s: WindowShape| format!("{} + {} frames at {} Hz", s.t_obs, s.t_pred, s.rate_hz);
         return Err(format!("it parts windows of {}, these have {}", show(found), show(wanted)));
     }
     let parts = [ids(set, &file.train)?, ids(set, &file.validation)?, ids(set, &file.test)?];
-    let SplitFile { kinds, seed, straddling, overlaps, .. } = file;
-    let split = Split::with_hash(set, parts, Origin { kinds, seed, straddling, overlaps });
+    let SplitFile { kinds, seed, dropped_at_boundary, overlaps, .. } = file;
+    let split = Split::with_hash(set, parts, Origin { kinds, seed, dropped_at_boundary, overlaps });
     if split.hash != file.hash {
         return Err(format!("its windows have the hash {}, it says {}: it was changed", split.hash, file.hash));
     }
@@ -109,10 +109,10 @@ fn ids(set: &WindowSet<'_>, names: &Names) -> Result<Vec<WindowId>, String> {
     let recordings: BTreeMap<&str, usize> =
         set.recordings().iter().enumerate().map(|(i, recording)| (recording.meta().name.as_str(), i)).collect();
     let mut ids = Vec::new();
-    for (name, stretches) in names {
+    for (name, snippets) in names {
         let index = *recordings.get(name.as_str()).ok_or_else(|| format!("recording {name} is not there"))?;
         let tracks = set.recordings()[index].tracks();
-        for Stretch { vehicle, segment, t0 } in stretches {
+        for Snippet { vehicle, segment, t0 } in snippets {
             let key = (*vehicle, *segment);
             let missing = |frame: u32| {
                 format!("recording {name} has no window of vehicle {vehicle} (segment {segment}) at frame {frame}")
@@ -137,10 +137,10 @@ fn ids(set: &WindowSet<'_>, names: &Names) -> Result<Vec<WindowId>, String> {
 fn names(set: &WindowSet<'_>, ids: &[WindowId]) -> Names {
     let mut names = Names::new();
     for key in ids.iter().filter_map(|id| set.get(*id)).map(|window| window.key()) {
-        let stretches = names.entry(key.recording).or_default();
-        match stretches.last_mut() {
+        let snippets = names.entry(key.recording).or_default();
+        match snippets.last_mut() {
             Some(last) if (last.vehicle, last.segment) == (key.vehicle, key.segment) => last.t0.push(key.t0),
-            _ => stretches.push(Stretch { vehicle: key.vehicle, segment: key.segment, t0: vec![key.t0] }),
+            _ => snippets.push(Snippet { vehicle: key.vehicle, segment: key.segment, t0: vec![key.t0] }),
         }
     }
     names
@@ -151,11 +151,11 @@ fn names(set: &WindowSet<'_>, ids: &[WindowId]) -> Names {
 pub(super) fn hash(set: &WindowSet<'_>, parts: &[Vec<WindowId>; 3]) -> String {
     let shape = set.shape();
     let mut digest = Sha256::new();
-    let mut line = format!("windows {} {} {}\n", shape.observed, shape.predicted, shape.rate_hz);
+    let mut line = format!("windows {} {} {}\n", shape.t_obs, shape.t_pred, shape.rate_hz);
     digest.update(&line);
-    for (part, ids) in Part::ALL.into_iter().zip(parts) {
-        for (recording, stretches) in names(set, ids) {
-            for Stretch { vehicle, segment, t0 } in stretches {
+    for (part, ids) in Subset::ALL.into_iter().zip(parts) {
+        for (recording, snippets) in names(set, ids) {
+            for Snippet { vehicle, segment, t0 } in snippets {
                 for frame in t0 {
                     line.clear();
                     // Writing to a String cannot fail.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gnp_data::{Dataset, LineKind, Recording, Slot, VehicleClass};
+use gnp_data::{Dataset, MarkingKind, Recording, Slot, VehicleClass};
 
 use super::{fixtures, gzip, put, read_all};
 
@@ -87,7 +87,7 @@ fn both_carriageways_stand_where_their_metres_say() {
     let close = |found: [f32; 4], expected: [f32; 4]| {
         assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() < 1e-4), "{found:?} for {expected:?}");
     };
-    let array = |s: gnp_data::State| [s.x, s.y, s.vx, s.vy];
+    let array = |s: gnp_data::TrackState| [s.x, s.y, s.vx, s.vy];
     // Carriageway 1: corner (200, 4), centre (202.5, 5), rotated by pi after the flip.
     let (one, road) = state(1, 1);
     assert_eq!(road, 0);
@@ -107,7 +107,7 @@ fn both_carriageways_stand_where_their_metres_say() {
 fn markings_turn_with_their_carriageway() {
     let recording = read_scene(&scene());
     let lines = |road: usize| recording.roads()[road].lines.iter().map(|l| (l.kind, l.y)).collect::<Vec<_>>();
-    use LineKind::{Boundary, Centre};
+    use MarkingKind::{Boundary, Centre};
     assert_eq!(lines(0), [(Boundary, 0.5), (Centre, 4.), (Boundary, 7.5)]);
     assert_eq!(lines(1), [(Boundary, -26.), (Centre, -22.), (Boundary, -18.)]);
     assert!(recording.roads().iter().all(|road| !road.fitted));

@@ -13,7 +13,7 @@ mod quality;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use gnp_data::{DataError, Dataset, Expectation, Quality, Recording, discover, read};
+use gnp_data::{DataError, Dataset, Expectation, IngestReport, Recording, discover, read};
 
 /// Writes `text` to a file of a folder.
 fn put(folder: &Path, name: &str, text: &str) -> PathBuf {
@@ -30,11 +30,11 @@ fn gzip(text: &str) -> Vec<u8> {
 }
 
 /// Everything below a path.
-fn read_all(path: &Path, dataset: Dataset) -> Result<Vec<(Recording, Quality)>, DataError> {
+fn read_all(path: &Path, dataset: Dataset) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     read_at(path, dataset, None)
 }
 
-fn read_at(path: &Path, dataset: Dataset, rate_hz: Option<f64>) -> Result<Vec<(Recording, Quality)>, DataError> {
+fn read_at(path: &Path, dataset: Dataset, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     let mut all = Vec::new();
     for source in discover(path, dataset)? {
         all.extend(read(&source, &Expectation { dataset, rate_hz })?);

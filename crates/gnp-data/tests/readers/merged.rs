@@ -31,7 +31,7 @@ fn lines() -> Vec<String> {
     lines
 }
 
-fn summary(all: &[(Recording, gnp_data::Quality)]) -> Vec<(&str, &str, u64, u64)> {
+fn summary(all: &[(Recording, gnp_data::IngestReport)]) -> Vec<(&str, &str, u64, u64)> {
     all.iter().map(|(r, q)| (r.meta().name.as_str(), r.meta().site.as_str(), q.vehicles, q.rows)).collect()
 }
 
@@ -68,8 +68,8 @@ fn rows_in_any_order_and_repeated_give_the_same_recordings() {
         assert_eq!(a.0.columns(), b.0.columns());
         assert_eq!(a.0.tracks(), b.0.tracks());
     }
-    let counts = |all: &[(Recording, gnp_data::Quality)]| {
-        let sum = |of: fn(&gnp_data::Quality) -> u64| all.iter().map(|(_, q)| of(q)).sum::<u64>();
+    let counts = |all: &[(Recording, gnp_data::IngestReport)]| {
+        let sum = |of: fn(&gnp_data::IngestReport) -> u64| all.iter().map(|(_, q)| of(q)).sum::<u64>();
         (sum(|q| q.duplicates), sum(|q| q.conflicts), sum(|q| q.out_of_order) > 0)
     };
     assert_eq!(counts(&sorted), (0, 0, false));

@@ -1,6 +1,6 @@
 //! NGSIM: feet to metres, front to centre, lanes, slots.
 
-use gnp_data::{Dataset, LineKind, Slot, VehicleClass};
+use gnp_data::{Dataset, MarkingKind, Slot, VehicleClass};
 
 use super::{fixtures, put, read_all};
 
@@ -102,12 +102,12 @@ fn slots_and_lines_come_from_lanes() {
 
     let road = &recording.roads()[0];
     assert!(road.fitted);
-    let lines: Vec<(LineKind, f32)> = road.lines.iter().map(|line| (line.kind, line.y)).collect();
+    let lines: Vec<(MarkingKind, f32)> = road.lines.iter().map(|line| (line.kind, line.y)).collect();
     let expected = [
-        (LineKind::Boundary, -10.9752),
-        (LineKind::Centre, -7.3152),
-        (LineKind::Centre, -3.6576),
-        (LineKind::Boundary, 0.0024),
+        (MarkingKind::Boundary, -10.9752),
+        (MarkingKind::LaneDivider, -7.3152),
+        (MarkingKind::LaneDivider, -3.6576),
+        (MarkingKind::Boundary, 0.0024),
     ];
     for (found, expected) in lines.iter().zip(expected) {
         assert!(found.0 == expected.0 && (found.1 - expected.1).abs() < 1e-3, "{lines:?}");

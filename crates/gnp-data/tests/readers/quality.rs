@@ -1,11 +1,11 @@
 //! The report counts what is there.
 
-use gnp_data::{Dataset, Quality};
+use gnp_data::{Dataset, IngestReport};
 
 use super::ngsim::{csv, rows};
 use super::{put, read_all};
 
-fn quality(change: impl Fn(&mut Vec<super::ngsim::Row>)) -> Quality {
+fn quality(change: impl Fn(&mut Vec<super::ngsim::Row>)) -> IngestReport {
     let folder = tempfile::tempdir().unwrap();
     let mut rows = rows(&[(1, 1, 0.), (2, 2, 300.), (3, 3, 600.)], 0..60);
     change(&mut rows);
@@ -82,6 +82,6 @@ fn a_lane_taken_up_again_within_a_second_is_a_flip() {
 fn it_is_written_and_read_as_json() {
     let q = quality(|_| {});
     let text = serde_json::to_string(&q).unwrap();
-    assert_eq!(serde_json::from_str::<Quality>(&text).unwrap(), q);
+    assert_eq!(serde_json::from_str::<IngestReport>(&text).unwrap(), q);
     assert!(text.contains("\"lanes\":\"fitted\""), "{text}");
 }

@@ -4,11 +4,12 @@
 #![allow(clippy::unwrap_used)] // only tests call these
 
 use gnp_data::{
-    Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowConfig,
+    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass,
+    WindowConfig,
 };
 
 /// Nobody in a neighbour slot.
-pub(crate) const NOBODY: u32 = u32::MAX;
+pub(crate) const NO_TRACK: u32 = u32::MAX;
 
 /// 0.3 s observed (4 frames at 10 Hz), 0.5 s predicted (5 frames), a window every 0.2 s (2 frames).
 pub(crate) fn short_windows() -> WindowConfig {
@@ -16,15 +17,15 @@ pub(crate) fn short_windows() -> WindowConfig {
 }
 
 /// A track: vehicle, segment, first frame, rows.
-pub(crate) type Stretch = (u32, u16, u32, usize);
+pub(crate) type Snippet = (u32, u16, u32, usize);
 
 /// Vehicles that keep their speed of `vehicle` m/s in a lane of their own, with nobody beside them.
-pub(crate) fn recording(name: &str, site: &str, rate_hz: f64, stretches: &[Stretch]) -> Recording {
-    let position = |(vehicle, _, first, _): Stretch, i: usize| {
+pub(crate) fn recording(name: &str, site: &str, rate_hz: f64, snippets: &[Snippet]) -> Recording {
+    let position = |(vehicle, _, first, _): Snippet, i: usize| {
         let time = f64::from(first + i as u32) / rate_hz;
         [(f64::from(vehicle) * time) as f32, vehicle as f32 * 4.]
     };
-    from_positions(Dataset::Ngsim, name, site, rate_hz, stretches, &position, &|_, _| [NOBODY; SLOTS])
+    from_positions(Dataset::Ngsim, name, site, rate_hz, snippets, &position, &|_, _| [NO_TRACK; SLOTS])
 }
 
 /// A recording from positions (of the `i`-th row of a track) and neighbours (of a track at a frame),
@@ -34,16 +35,16 @@ pub(crate) fn from_positions(
     name: &str,
     site: &str,
     rate_hz: f64,
-    stretches: &[Stretch],
-    position: &dyn Fn(Stretch, usize) -> [f32; 2],
+    snippets: &[Snippet],
+    position: &dyn Fn(Snippet, usize) -> [f32; 2],
     neighbours: &dyn Fn(usize, u32) -> [u32; SLOTS],
 ) -> Recording {
     let mut columns = Columns::default();
     let mut tracks = Vec::new();
-    for (index, stretch) in stretches.iter().enumerate() {
-        let (vehicle, segment, first_frame, rows) = *stretch;
+    for (index, snippet) in snippets.iter().enumerate() {
+        let (vehicle, segment, first_frame, rows) = *snippet;
         let start = columns.x.len();
-        let path: Vec<[f32; 2]> = (0..rows).map(|i| position(*stretch, i)).collect();
+        let path: Vec<[f32; 2]> = (0..rows).map(|i| position(*snippet, i)).collect();
         for i in 0..rows {
             let (from, to) = (i.saturating_sub(1), (i + 1).min(rows - 1));
             let period = ((to - from).max(1) as f64 / rate_hz) as f32;
@@ -65,8 +66,9 @@ pub(crate) fn from_positions(
             rows: start..start + rows,
         });
     }
-    let line = |kind, y| LaneLine { kind, y };
-    let lines = vec![line(LineKind::Boundary, -2.), line(LineKind::Centre, 1.75), line(LineKind::Boundary, 5.5)];
+    let line = |kind, y| LaneMarking { kind, y };
+    let lines =
+        vec![line(MarkingKind::Boundary, -2.), line(MarkingKind::LaneDivider, 1.75), line(MarkingKind::Boundary, 5.5)];
     let meta = RecordingMeta { dataset, site: site.into(), name: name.into(), rate_hz, simulated: false };
     Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
 }

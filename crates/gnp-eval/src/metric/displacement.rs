@@ -1,32 +1,32 @@
 //! What one window adds to the metrics of distance.
 
-use crate::case::Case;
+use crate::case::ScoredWindow;
 
 /// Least squared error in the last of `frames` frames among the first `k` modes, m².
-pub(super) fn least_squared_at(case: &Case<'_>, k: usize, frames: usize) -> f64 {
+pub(super) fn least_squared_at(case: &ScoredWindow<'_>, k: usize, frames: usize) -> f64 {
     least(k, |mode| case.squared(mode, frames)[frames - 1])
 }
 
 /// Least mean squared error over `frames` frames among the first `k` modes, m².
-pub(super) fn least_squared_to(case: &Case<'_>, k: usize, frames: usize) -> f64 {
+pub(super) fn least_squared_to(case: &ScoredWindow<'_>, k: usize, frames: usize) -> f64 {
     least(k, |mode| case.squared(mode, frames).iter().sum::<f64>() / frames as f64)
 }
 
 /// Least mean error over `frames` frames among the first `k` modes, m.
-pub(super) fn least_ade(case: &Case<'_>, k: usize, frames: usize) -> f64 {
+pub(super) fn least_ade(case: &ScoredWindow<'_>, k: usize, frames: usize) -> f64 {
     least(k, |mode| case.squared(mode, frames).iter().map(|squared| squared.sqrt()).sum::<f64>() / frames as f64)
 }
 
 /// Squared error of the likeliest mode in the last of `frames` frames along one axis, m²: 0 along
 /// the road, 1 across it.
-pub(super) fn squared_along(case: &Case<'_>, axis: usize, frames: usize) -> f64 {
+pub(super) fn squared_along(case: &ScoredWindow<'_>, axis: usize, frames: usize) -> f64 {
     let (p, q) = (case.modes()[0].path[frames - 1], case.reference().path()[frames - 1]);
     (f64::from(p[axis]) - f64::from(q[axis])).powi(2)
 }
 
 /// Squared error of the mean of all modes, weighted by probability, in the last of `frames`
 /// frames, m².
-pub(super) fn squared_of_mean(case: &Case<'_>, frames: usize) -> f64 {
+pub(super) fn squared_of_mean(case: &ScoredWindow<'_>, frames: usize) -> f64 {
     let total: f64 = case.modes().iter().map(|mode| f64::from(mode.probability)).sum();
     let truth = case.reference().path()[frames - 1];
     let error = |axis: usize| {
@@ -40,7 +40,7 @@ pub(super) fn squared_of_mean(case: &Case<'_>, frames: usize) -> f64 {
 /// Least error in the last of `frames` frames among the first `k` modes, plus (1 - p)² of that
 /// mode. Its probability is taken among the `k`, as if no more had been asked for. Of equally good
 /// modes the likeliest counts.
-pub(super) fn brier_least_fde(case: &Case<'_>, k: usize, frames: usize) -> f64 {
+pub(super) fn brier_least_fde(case: &ScoredWindow<'_>, k: usize, frames: usize) -> f64 {
     let kept = &case.modes()[..k];
     let total: f64 = kept.iter().map(|mode| f64::from(mode.probability)).sum();
     let at_end = |mode: usize| case.squared(mode, frames)[frames - 1];
@@ -50,7 +50,7 @@ pub(super) fn brier_least_fde(case: &Case<'_>, k: usize, frames: usize) -> f64 {
 }
 
 /// Share of the first `k` modes with a centre beyond the outermost lines in any of `frames` frames.
-pub(super) fn share_off_road(case: &Case<'_>, k: usize, frames: usize) -> Option<f64> {
+pub(super) fn share_off_road(case: &ScoredWindow<'_>, k: usize, frames: usize) -> Option<f64> {
     let [right, left] = case.reference().edges()?;
     let leaves = |path: &[[f32; 2]]| path[..frames].iter().any(|p| p[1] < right || p[1] > left);
     let off = case.modes()[..k].iter().filter(|mode| leaves(&mode.path)).count();

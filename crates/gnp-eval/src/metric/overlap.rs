@@ -1,6 +1,6 @@
 //! Boxes, and whether a predicted one overlaps a recorded one.
 
-use crate::case::Case;
+use crate::case::ScoredWindow;
 
 /// A path's heading is its direction over at least this distance, m: over one frame of slow driving
 /// it would be noise.
@@ -45,17 +45,17 @@ impl Footprint {
 
 /// Share of the first `k` modes whose box overlaps another vehicle's recorded box in any of
 /// `frames` frames.
-pub(super) fn share(case: &Case<'_>, k: usize, frames: usize) -> f64 {
+pub(super) fn share(case: &ScoredWindow<'_>, k: usize, frames: usize) -> f64 {
     let overlapping = case.modes()[..k].iter().filter(|mode| meets_another(case, &mode.path[..frames])).count();
     overlapping as f64 / k as f64
 }
 
 /// Whether the recorded boxes of the target and of another vehicle overlap in any of `frames` frames.
-pub(super) fn recorded(case: &Case<'_>, frames: usize) -> bool {
+pub(super) fn recorded(case: &ScoredWindow<'_>, frames: usize) -> bool {
     meets_another(case, &case.reference().path()[..frames])
 }
 
-fn meets_another(case: &Case<'_>, path: &[[f32; 2]]) -> bool {
+fn meets_another(case: &ScoredWindow<'_>, path: &[[f32; 2]]) -> bool {
     let reference = case.reference();
     (0..path.len()).any(|j| {
         let mut here = Footprint::along_road(path[j], reference.size());

@@ -1,6 +1,6 @@
 //! Metrics of forecasts sampled twice a second, as nuScenes and Waymo score them.
 
-use crate::case::Case;
+use crate::case::ScoredWindow;
 use crate::metric::MISS_M;
 use crate::metric::overlap::heading;
 
@@ -14,7 +14,7 @@ const BOX_START_M: f64 = -0.2;
 const BOX_SPEEDS: [f64; 2] = [1.4, 11.];
 
 /// Least mean error over the points up to `horizon_s` among the first `k` modes, m.
-pub(super) fn least_ade(case: &Case<'_>, k: usize, horizon_s: f64) -> f64 {
+pub(super) fn least_ade(case: &ScoredWindow<'_>, k: usize, horizon_s: f64) -> f64 {
     least(k, |mode| {
         let errors = errors(case, mode, horizon_s);
         errors.iter().sum::<f64>() / errors.len().max(1) as f64
@@ -22,13 +22,13 @@ pub(super) fn least_ade(case: &Case<'_>, k: usize, horizon_s: f64) -> f64 {
 }
 
 /// Whether in each of the first `k` modes some point up to `horizon_s` is [`MISS_M`] off or more.
-pub(super) fn every_mode_leaves(case: &Case<'_>, k: usize, horizon_s: f64) -> bool {
+pub(super) fn every_mode_leaves(case: &ScoredWindow<'_>, k: usize, horizon_s: f64) -> bool {
     least(k, |mode| errors(case, mode, horizon_s).into_iter().fold(0., f64::max)) >= MISS_M
 }
 
 /// Whether none of the first `k` modes ends, in the last of `frames` frames, in the box around the
 /// recorded centre that is turned along the recorded path.
-pub(super) fn outside_box(case: &Case<'_>, k: usize, frames: usize, horizon_s: f64) -> bool {
+pub(super) fn outside_box(case: &ScoredWindow<'_>, k: usize, frames: usize, horizon_s: f64) -> bool {
     let reference = case.reference();
     let truth = reference.path();
     let [cos, sin] = heading(truth, frames - 1).map(f64::from);
@@ -47,7 +47,7 @@ fn box_scale(speed: f64) -> f64 {
 
 /// Errors of a mode at each half second, m. Where that falls between two frames, as at 25 Hz, both
 /// paths are taken as straight between them.
-fn errors(case: &Case<'_>, mode: usize, horizon_s: f64) -> Vec<f64> {
+fn errors(case: &ScoredWindow<'_>, mode: usize, horizon_s: f64) -> Vec<f64> {
     let reference = case.reference();
     let (path, truth) = (&case.modes()[mode].path, reference.path());
     // Frame 0 is the last observed one, where nothing is off yet.

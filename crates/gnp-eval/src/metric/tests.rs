@@ -18,7 +18,7 @@ fn forecast(modes: &[(f32, &[[f32; 2]])]) -> Forecast {
 }
 
 fn value(metric: Metric, reference: &Reference, forecast: &Forecast) -> f64 {
-    let case = Case::new(reference, forecast, forecast.modes.len()).unwrap();
+    let case = ScoredWindow::new(reference, forecast, forecast.modes.len()).unwrap();
     metric.kind.value(metric.contribution(&case).unwrap().unwrap())
 }
 
@@ -84,17 +84,17 @@ fn golden_values() {
 #[test]
 fn off_road_does_not_apply_where_no_line_is_known() {
     let (reference, forecast) = golden();
-    let case = Case::new(&reference, &forecast, 3).unwrap();
+    let case = ScoredWindow::new(&reference, &forecast, 3).unwrap();
     assert_eq!(Metric::best_of(MetricKind::OffRoad, 3, 2.).contribution(&case).unwrap(), None);
 }
 
 #[test]
 fn no_metric_is_given_between_two_frames() {
     let (reference, forecast) = golden();
-    let case = Case::new(&reference, &forecast, 3).unwrap();
+    let case = ScoredWindow::new(&reference, &forecast, 3).unwrap();
     for horizon_s in [0., 0.7, 2.5, f64::NAN] {
         let found = Metric::top_1(MetricKind::Fde, horizon_s).contribution(&case);
-        assert!(matches!(found, Err(EvalError::Horizon { predicted: 4, .. })), "{horizon_s}");
+        assert!(matches!(found, Err(EvalError::Horizon { t_pred: 4, .. })), "{horizon_s}");
     }
 }
 
@@ -133,7 +133,7 @@ fn rmse_is_never_below_ade() {
         let (mut rmse, mut ade) = (0., 0.);
         for _ in 0..50 {
             let (reference, forecast) = random_case(&mut rng, 6);
-            let case = Case::new(&reference, &forecast, 6).unwrap();
+            let case = ScoredWindow::new(&reference, &forecast, 6).unwrap();
             rmse += Metric::best_of(MetricKind::RmseTo, k, 7.).contribution(&case).unwrap().unwrap();
             ade += Metric::best_of(MetricKind::MinAde, k, 7.).contribution(&case).unwrap().unwrap();
         }
@@ -171,12 +171,12 @@ fn lateral_and_longitudinal_errors_add_up() {
 
 /// What a preset gives, by metric as shown.
 fn preset(protocol: Protocol, reference: &Reference, forecast: &Forecast, rate_hz: f64) -> Vec<(String, f64)> {
-    let shape = gnp_data::WindowShape { observed: 7, predicted: reference.path().len(), step: 1, rate_hz };
+    let shape = gnp_data::WindowShape { t_obs: 7, t_pred: reference.path().len(), step: 1, rate_hz };
     let metrics = protocol.metrics(&shape).unwrap();
     metrics
         .iter()
         .map(|metric| {
-            let case = Case::new(reference, forecast, forecast.modes.len()).unwrap();
+            let case = ScoredWindow::new(reference, forecast, forecast.modes.len()).unwrap();
             let mean = metric.contribution(&case).unwrap().unwrap_or(f64::NAN);
             (metric.to_string(), metric.kind.value(mean))
         })

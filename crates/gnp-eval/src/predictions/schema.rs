@@ -40,7 +40,7 @@ pub struct Provenance {
     /// Whether any recording is simulated.
     pub simulated: bool,
     /// Whether the model is handed recorded futures.
-    pub future_input: bool,
+    pub uses_future: bool,
 }
 
 /// The schema of a prediction file, in the order of its columns. Columns that are not required may
@@ -180,7 +180,7 @@ impl Provenance {
             ("dataset", dataset.to_owned()),
             ("rate_hz", self.rate_hz.to_string()),
             ("simulated", self.simulated.to_string()),
-            ("future_input", self.future_input.to_string()),
+            ("uses_future", self.uses_future.to_string()),
             ("frame", "x forward, y to the left, origin at the last observed centre of the box".to_owned()),
             ("units", units.join(", ")),
         ];

@@ -28,7 +28,7 @@ pub fn tables(scores: &[Score], head: &TableHead) -> Vec<Table> {
         for site in sites(whole().map(|score| score.site.as_str())) {
             let of_site: Vec<&Score> = whole().filter(|score| score.site == site).collect();
             let last = horizons(&of_site).last().copied().unwrap_or_default();
-            let part = Part { site, protocol: kind.1, scores: &of_site, head };
+            let part = Section { site, protocol: kind.1, scores: &of_site, head };
             tables.push(part.table(false, columns(kind.1, &of_site)));
             if kind.1 == Protocol::Clean {
                 tables.push(part.table(true, further(last)));
@@ -57,15 +57,15 @@ pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Ta
             Some(k) => format!("{metric}_{k} {horizon_s} s"),
             None => format!("{metric} {horizon_s} s"),
         };
-        let row = |other: &str, told: bool| {
+        let row = |other: &str, uses_future: bool| {
             let cells = metrics.iter().map(|metric| {
                 let found =
                     of_kind.iter().find(|row| row.b == other && (row.metric.as_str(), row.k, row.horizon_s) == *metric);
                 found.map_or_else(|| TableCell::plain("-"), |row| difference_cell(row))
             });
-            std::iter::once(TableCell::plain(named(other, told))).chain(cells).collect()
+            std::iter::once(TableCell::plain(named(other, uses_future))).chain(cells).collect()
         };
-        let others = distinct(of_kind.iter().map(|row| (row.b.as_str(), row.future_input)));
+        let others = distinct(of_kind.iter().map(|row| (row.b.as_str(), row.uses_future)));
         let simulated = if of_kind.iter().any(|row| row.simulated) { ", *simulated*" } else { "" };
         let place = site_name(site);
         tables.push(Table {
@@ -80,7 +80,7 @@ pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Ta
                 head.rate_hz
             ),
             header: std::iter::once(format!("{model} minus")).chain(metrics.iter().map(title)).collect(),
-            rows: others.iter().map(|(other, told)| row(other, *told)).collect(),
+            rows: others.iter().map(|(other, uses_future)| row(other, *uses_future)).collect(),
         });
     }
     tables
@@ -124,26 +124,26 @@ fn site_name(site: &str) -> &str {
     if site == ALL_SITES { "all sites" } else { site }
 }
 
-fn named(model: &str, future_input: bool) -> String {
-    if future_input { format!("{model} (future input)") } else { model.to_owned() }
+fn named(model: &str, uses_future: bool) -> String {
+    if uses_future { format!("{model} (future input)") } else { model.to_owned() }
 }
 
 /// The scores of one site under one protocol.
-struct Part<'a> {
+struct Section<'a> {
     site: &'a str,
     protocol: Protocol,
     scores: &'a [&'a Score],
     head: &'a TableHead,
 }
 
-impl Part<'_> {
+impl Section<'_> {
     fn table(&self, detail: bool, columns: Vec<Column>) -> Table {
-        let models = distinct(self.scores.iter().map(|score| (score.model.as_str(), score.future_input)));
-        let row = |(model, future_input): &(&str, bool)| {
-            let is_own = |s: &&&Score| (s.model.as_str(), s.future_input) == (*model, *future_input);
+        let models = distinct(self.scores.iter().map(|score| (score.model.as_str(), score.uses_future)));
+        let row = |(model, uses_future): &(&str, bool)| {
+            let is_own = |s: &&&Score| (s.model.as_str(), s.uses_future) == (*model, *uses_future);
             let own: Vec<&Score> = self.scores.iter().filter(is_own).copied().collect();
             let cells = columns.iter().map(|column| cell(column, &own));
-            std::iter::once(TableCell::plain(named(model, *future_input))).chain(cells).collect()
+            std::iter::once(TableCell::plain(named(model, *uses_future))).chain(cells).collect()
         };
         let site = site_name(self.site);
         let mut caption = caption(site, self.protocol, self.scores, self.head);
@@ -183,10 +183,11 @@ fn by_manoeuvre(protocol: Protocol, scores: &[&Score], head: &TableHead) -> Tabl
     let mut rows = Vec::new();
     for manoeuvre in Manoeuvre::ALL {
         let of_group = || scores.iter().filter(move |score| score.manoeuvre == Some(manoeuvre)).copied();
-        for (model, told) in distinct(of_group().map(|score| (score.model.as_str(), score.future_input))) {
-            let own: Vec<&Score> = of_group().filter(|s| (s.model.as_str(), s.future_input) == (model, told)).collect();
+        for (model, uses_future) in distinct(of_group().map(|score| (score.model.as_str(), score.uses_future))) {
+            let own: Vec<&Score> =
+                of_group().filter(|s| (s.model.as_str(), s.uses_future) == (model, uses_future)).collect();
             let windows = own.first().map_or_else(|| "-".to_owned(), |score| score.windows.to_string());
-            let name = TableCell::plain(format!("{}: {}", manoeuvre.name(), named(model, told)));
+            let name = TableCell::plain(format!("{}: {}", manoeuvre.name(), named(model, uses_future)));
             let cells = columns.iter().map(|column| cell(column, &own));
             rows.push([name, TableCell::plain(windows)].into_iter().chain(cells).collect());
         }

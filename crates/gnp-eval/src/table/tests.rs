@@ -11,7 +11,7 @@ use crate::score::{ALL_SITES, Score};
 
 /// A score for every metric of a protocol; values grow by metric.
 fn scores(protocol: Protocol, site: &str, model: &str, start: f64) -> Vec<Score> {
-    let shape = WindowShape { observed: 31, predicted: 50, step: 1, rate_hz: 10. };
+    let shape = WindowShape { t_obs: 31, t_pred: 50, step: 1, rate_hz: 10. };
     let metrics = protocol.metrics(&shape).unwrap();
     let score = |(i, metric): (usize, &Metric)| Score {
         dataset: Dataset::Ngsim,
@@ -28,7 +28,7 @@ fn scores(protocol: Protocol, site: &str, model: &str, start: f64) -> Vec<Score>
         windows: 1234,
         vehicles: 56,
         simulated: false,
-        future_input: model.contains("oracle"),
+        uses_future: model.contains("oracle"),
     };
     metrics.iter().enumerate().map(score).collect()
 }
@@ -166,7 +166,7 @@ fn csv_has_a_line_a_cell() {
 
 #[test]
 fn differences_say_who_is_better() {
-    let comparison = |b: &str, value, verdict, future_input| Comparison {
+    let comparison = |b: &str, value, verdict, uses_future| Comparison {
         dataset: Dataset::Ngsim,
         site: "us-101".to_owned(),
         protocol: Protocol::Literature,
@@ -183,7 +183,7 @@ fn differences_say_who_is_better() {
         windows: 1234,
         vehicles: 56,
         simulated: false,
-        future_input,
+        uses_future,
     };
     let rows = [comparison("cv", -1.2, Verdict::Better, false), comparison("pip", 0.8, Verdict::Worse, true)];
     let text = comparison_tables(&rows, &head())[0].markdown();

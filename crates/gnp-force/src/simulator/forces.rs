@@ -5,7 +5,7 @@ use nalgebra::{RealField, Vector2};
 
 /// Forces on one vehicle with the names of those who push.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Explanation<T: RealField> {
+pub struct ForceBreakdown<T: RealField> {
     /// The forces, in m/s²; lines in the order of [`Road::lines`](crate::Road::lines).
     pub forces: Forces<T>,
     /// The neighbours, in the order of `forces.neighbours`.
@@ -20,12 +20,12 @@ impl<T: RealField + Copy> Simulator<T> {
     ///
     /// # Errors
     /// When there is none of that number.
-    pub fn explain(&self, id: VehicleId) -> Result<Explanation<T>, ForceError> {
+    pub fn explain(&self, id: VehicleId) -> Result<ForceBreakdown<T>, ForceError> {
         let index = self.index(id)?;
         let me = &self.vehicles[index];
         let Some(goal) = self.pull(index, &me.state, self.time()) else {
             let none = Forces { goal: Vector2::zeros(), neighbours: Vec::new(), lines: Vec::new() };
-            return Ok(Explanation { forces: none, pushed_by: Vec::new() });
+            return Ok(ForceBreakdown { forces: none, pushed_by: Vec::new() });
         };
         let mut pushed_by = Vec::new();
         let mut neighbours = Vec::new();
@@ -37,7 +37,7 @@ impl<T: RealField + Copy> Simulator<T> {
         let share = self.share(sum);
         neighbours.iter_mut().for_each(|push| *push *= share);
         let lines = self.road.lines().iter().map(|line| line.push(&me.state)).collect();
-        Ok(Explanation { forces: Forces { goal, neighbours, lines }, pushed_by })
+        Ok(ForceBreakdown { forces: Forces { goal, neighbours, lines }, pushed_by })
     }
 
     /// A speed in m/s that no vehicle exceeds, under either Euler step, whatever the scene.

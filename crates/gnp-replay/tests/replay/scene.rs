@@ -1,7 +1,7 @@
 //! A scene whose numbers are all different.
 
-use gnp_data::{Explanation, LaneLine, LineKind, Mode, StepForces, VehicleClass};
-use gnp_replay::{Moment, Scene, SceneForecast, Vehicle};
+use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, StepForces, VehicleClass};
+use gnp_replay::{Scene, SceneForecast, TimedState, Vehicle};
 
 /// Recorded frames a second, recorded frames from a moment to the next, and to the next predicted point.
 pub(crate) const RATE_HZ: f64 = 25.;
@@ -11,13 +11,13 @@ const PREDICTED: usize = 7;
 /// Frames 100 to 130. Car 7 is there all the time, a bit to the left in the end, with forecasts at 100 and 120; truck 31
 /// stays in its lane and leaves after 115, with a forecast at 110.
 pub(crate) fn scene() -> Scene {
-    let lines = [(LineKind::Boundary, -1.75), (LineKind::Centre, 1.75), (LineKind::Boundary, 5.25)];
+    let lines = [(MarkingKind::Boundary, -1.75), (MarkingKind::LaneDivider, 1.75), (MarkingKind::Boundary, 5.25)];
     Scene {
         title: "us101-13, US-101".to_owned(),
         simulated: false,
         rate_hz: RATE_HZ,
         frame_step: FRAME_STEP,
-        lines: lines.map(|(kind, y)| LaneLine { kind, y }).to_vec(),
+        lines: lines.map(|(kind, y)| LaneMarking { kind, y }).to_vec(),
         vehicles: vec![
             Vehicle {
                 id: 7,
@@ -40,11 +40,11 @@ pub(crate) fn scene() -> Scene {
     }
 }
 
-fn moments(frames: std::ops::RangeInclusive<u32>, [x, y]: [f32; 2], velocity: [f32; 2]) -> Vec<Moment> {
+fn moments(frames: std::ops::RangeInclusive<u32>, [x, y]: [f32; 2], velocity: [f32; 2]) -> Vec<TimedState> {
     let first = *frames.start();
     let moment = |frame| {
         let t = (frame - first) as f32 / RATE_HZ as f32;
-        Moment { frame, centre: [x + velocity[0] * t, y + velocity[1] * t], velocity }
+        TimedState { frame, centre: [x + velocity[0] * t, y + velocity[1] * t], velocity }
     };
     frames.step_by(FRAME_STEP as usize).map(moment).collect()
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use candle_core::{Device, Tensor, Var};
 use gnp_data::Window;
 use gnp_goal::{GoalLoss, GoalNet, LabelConfig, Pick, goal_loss, labels};
-use gnp_model::{Features, GoalInputs, Seen};
+use gnp_model::{AugmentedView, Features, GoalInputs};
 use gnp_modes::Modes;
 use gnp_nn::{Dropout, Weights};
 use rand::SeedableRng;
@@ -13,8 +13,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
-use crate::seed::mix;
-use crate::stage::{Stage, Sums};
+use crate::seed::derive_seed;
+use crate::stage::{BatchTotals, Stage};
 use crate::stages::windows::{Augment, Windows};
 
 /// Goals a window that the validation scores look at.
@@ -32,7 +32,7 @@ pub struct GoalTraining {
     pub mirror: f64,
     /// Largest factor by which lengths along the road are multiplied or divided in training; 1 as
     /// published. Headways in seconds stay: the same drivers in faster or slower traffic.
-    pub stretch: f64,
+    pub longitudinal_scale: f64,
 }
 
 impl GoalTraining {
@@ -50,7 +50,7 @@ impl GoalTraining {
     }
 
     fn augment(&self) -> Augment {
-        Augment { mirror: self.mirror, stretch: self.stretch }
+        Augment { mirror: self.mirror, longitudinal_scale: self.longitudinal_scale }
     }
 }
 
@@ -86,7 +86,7 @@ impl<'a> GoalStage<'a> {
         config: &'a GoalTraining,
     ) -> Result<Self, TrainError> {
         config.check()?;
-        if modes.frame != features.mode_frame() || modes.t_pred != features.shape().predicted {
+        if modes.frame != features.mode_frame() || modes.t_pred != features.shape().t_pred {
             let problem = "the modes are not in the frame of the features; find them again";
             return Err(TrainError::Mismatch { stage: "goal", problem });
         }
@@ -103,10 +103,10 @@ impl<'a> GoalStage<'a> {
     /// The loss over `windows`, with what it was made of: inputs, and truth in the network's unit.
     fn losses(
         &self,
-        windows: &[(Seen<'_>, Window<'_>)],
+        windows: &[(AugmentedView<'_>, Window<'_>)],
         dropout: Option<&mut Dropout>,
     ) -> Result<(GoalLoss, GoalInputs, Tensor), TrainError> {
-        let seen: Vec<Seen<'_>> = windows.iter().map(|(seen, _)| *seen).collect();
+        let seen: Vec<AugmentedView<'_>> = windows.iter().map(|(seen, _)| *seen).collect();
         let inputs = self.features.goal_inputs(&seen, self.device())?;
         let truth = self.features.futures(windows, self.device())?;
         let [scaled, metres] = &self.centres;
@@ -145,18 +145,18 @@ impl Stage for GoalStage<'_> {
     }
 
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
-        let mut rng = ChaCha8Rng::seed_from_u64(mix(step_seed, 0));
+        let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(step_seed, 0));
         let windows = self.train.batch(batch, self.config.augment(), &mut rng)?;
-        let mut dropout = Dropout::new(self.net.config().dropout, mix(step_seed, 1));
+        let mut dropout = Dropout::new(self.net.config().dropout, derive_seed(step_seed, 1));
         Ok(self.losses(&windows, Some(&mut dropout))?.0.total)
     }
 
-    fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
+    fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
         let windows = self.validation.batch(batch, Augment::NONE, &mut ChaCha8Rng::seed_from_u64(0))?;
         let (loss, inputs, truth) = self.losses(&windows, None)?;
         let GoalInputs { observed, neighbours, mask } = &inputs;
         let goals = self.net.predict(observed, neighbours, mask, &self.centres[0], LOOKED_AT)?;
-        let last = self.features.shape().predicted - 1;
+        let last = self.features.shape().t_pred - 1;
         let ends = goals.futures.narrow(2, last, 1)?.squeeze(2)?;
         let true_ends = truth.narrow(1, last, 1)?;
         let off = ends.broadcast_sub(&true_ends)?.sqr()?.sum(2)?.sqrt()?;
@@ -168,6 +168,6 @@ impl Stage for GoalStage<'_> {
         let whole = |mean: &Tensor| Ok::<_, TrainError>(f64::from(mean.to_scalar::<f32>()?) * count as f64);
         let losses = [("loss", whole(&loss.total)?), ("regression", whole(&loss.regression)?)];
         let more = [("classification", whole(&loss.classification)?), ("fde", fde), ("min_fde_6", min_fde)];
-        Ok(Sums::new(count, losses.into_iter().chain(more)))
+        Ok(BatchTotals::new(count, losses.into_iter().chain(more)))
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use candle_core::{Device, Tensor, Var};
 use gnp_data::{Truth, Window};
-use gnp_model::{Features, NeighbourFuture, Seen};
+use gnp_model::{AugmentedView, Features, NeighbourFuture};
 use gnp_nn::Weights;
 use gnp_traj::{Phase, SocialForce};
 use rand::{Rng, SeedableRng};
@@ -13,8 +13,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
-use crate::seed::mix;
-use crate::stage::{Stage, Sums};
+use crate::seed::derive_seed;
+use crate::stage::{BatchTotals, Stage};
 use crate::stages::windows::{Augment, Windows};
 
 /// Parts of the attraction network (phi_1); every other weight is of the repulsion network (phi_2).
@@ -31,7 +31,7 @@ pub struct PathTraining {
     pub mirror: f64,
     /// Largest factor by which lengths along the road are multiplied or divided in training; 1 as
     /// published. Headways in seconds stay: the same drivers in faster or slower traffic.
-    pub stretch: f64,
+    pub longitudinal_scale: f64,
 }
 
 impl PathTraining {
@@ -48,7 +48,7 @@ impl PathTraining {
     }
 
     fn augment(&self) -> Augment {
-        Augment { mirror: self.mirror, stretch: self.stretch }
+        Augment { mirror: self.mirror, longitudinal_scale: self.longitudinal_scale }
     }
 }
 
@@ -67,7 +67,7 @@ pub struct PathStage<'a> {
     features: &'a Features,
     train: Windows<'a>,
     validation: Windows<'a>,
-    informed: bool,
+    uses_future: bool,
     config: &'a PathTraining,
 }
 
@@ -84,9 +84,9 @@ impl<'a> PathStage<'a> {
         config: &'a PathTraining,
     ) -> Result<Self, TrainError> {
         config.check()?;
-        let (name, phase, informed) = ("attraction", Phase::Attraction, false);
+        let (name, phase, uses_future) = ("attraction", Phase::Attraction, false);
         let weights = weights.clone();
-        Ok(Self { name, phase, force, weights, features, train, validation, informed, config })
+        Ok(Self { name, phase, force, weights, features, train, validation, uses_future, config })
     }
 
     /// The repulsion of `force`, whose attraction is trained. `neighbours` says where the
@@ -105,9 +105,9 @@ impl<'a> PathStage<'a> {
         config: &'a PathTraining,
     ) -> Result<Self, TrainError> {
         config.check()?;
-        let (name, phase, informed) = ("repulsion", Phase::Repulsion, neighbours == NeighbourFuture::Oracle);
+        let (name, phase, uses_future) = ("repulsion", Phase::Repulsion, neighbours == NeighbourFuture::Oracle);
         let weights = weights.clone();
-        Ok(Self { name, phase, force, weights, features, train, validation, informed, config })
+        Ok(Self { name, phase, force, weights, features, train, validation, uses_future, config })
     }
 
     fn device(&self) -> &Device {
@@ -115,8 +115,8 @@ impl<'a> PathStage<'a> {
     }
 
     /// Rolled out and true positions, both `[batch, t_pred, 2]`, m; `off` is added to the goals.
-    fn paths(&self, windows: &[(Seen<'_>, Window<'_>)], off: &[[f32; 2]]) -> Result<[Tensor; 2], TrainError> {
-        let (batch, t_pred) = (windows.len(), self.features.shape().predicted);
+    fn paths(&self, windows: &[(AugmentedView<'_>, Window<'_>)], off: &[[f32; 2]]) -> Result<[Tensor; 2], TrainError> {
+        let (batch, t_pred) = (windows.len(), self.features.shape().t_pred);
         let mut truth = Vec::with_capacity(batch * t_pred * 2);
         let mut goals = Vec::with_capacity(batch * 2);
         for ((seen, window), off) in windows.iter().zip(off) {
@@ -129,9 +129,9 @@ impl<'a> PathStage<'a> {
             goals.extend([goal.x + off[0], goal.y + off[1]]);
         }
         let goals = Tensor::from_vec(goals, (batch, 1, 2), self.device())?;
-        let seen: Vec<Seen<'_>> = windows.iter().map(|(seen, _)| *seen).collect();
+        let seen: Vec<AugmentedView<'_>> = windows.iter().map(|(seen, _)| *seen).collect();
         let truths: Option<Vec<Truth<'_>>> =
-            self.informed.then(|| windows.iter().map(|(_, window)| window.truth()).collect());
+            self.uses_future.then(|| windows.iter().map(|(_, window)| window.truth()).collect());
         let scene = self.features.scene(&seen, goals, truths.as_deref(), self.device())?;
         let path = self.force.roll_out(&scene, self.phase)?.squeeze(1)?;
         Ok([path, Tensor::from_vec(truth, (batch, t_pred, 2), self.device())?])
@@ -166,9 +166,12 @@ impl Stage for PathStage<'_> {
     }
 
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
-        let windows =
-            self.train.batch(batch, self.config.augment(), &mut ChaCha8Rng::seed_from_u64(mix(step_seed, 0)))?;
-        let mut rng = ChaCha8Rng::seed_from_u64(mix(step_seed, 1));
+        let windows = self.train.batch(
+            batch,
+            self.config.augment(),
+            &mut ChaCha8Rng::seed_from_u64(derive_seed(step_seed, 0)),
+        )?;
+        let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(step_seed, 1));
         let [forward, left] = self.config.goal_noise_m;
         let draw = |_| {
             let [a, b] = normal(&mut rng);
@@ -179,7 +182,7 @@ impl Stage for PathStage<'_> {
         Ok((path - truth)?.sqr()?.mean_all()?)
     }
 
-    fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
+    fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
         let windows = self.validation.batch(batch, Augment::NONE, &mut ChaCha8Rng::seed_from_u64(0))?;
         let [path, truth] = self.paths(&windows, &vec![[0.; 2]; batch.len()])?;
         let squares = (path.detach() - truth)?.sqr()?.sum(2)?.to_vec2::<f32>()?;
@@ -190,7 +193,7 @@ impl Stage for PathStage<'_> {
             ade += row.iter().map(|square| f64::from(*square).sqrt()).sum::<f64>() / frames;
             fde += row.last().map_or(f64::NAN, |square| f64::from(*square).sqrt());
         }
-        Ok(Sums::new(batch.len(), [("mse", mse), ("ade", ade), ("fde", fde)]))
+        Ok(BatchTotals::new(batch.len(), [("mse", mse), ("ade", ade), ("fde", fde)]))
     }
 }
 
@@ -218,13 +221,13 @@ mod tests {
 
     #[test]
     fn bad_values_are_refused_by_key() {
-        let good = PathTraining { goal_noise_m: [2., 0.], mirror: 0.5, stretch: 1.2 };
+        let good = PathTraining { goal_noise_m: [2., 0.], mirror: 0.5, longitudinal_scale: 1.2 };
         assert!(good.check().is_ok());
         for (bad, key) in [
             (PathTraining { goal_noise_m: [-1., 0.], ..good.clone() }, "goal_noise_m"),
             (PathTraining { goal_noise_m: [0., f64::NAN], ..good.clone() }, "goal_noise_m"),
             (PathTraining { mirror: 1.1, ..good.clone() }, "mirror"),
-            (PathTraining { stretch: 0.8, ..good.clone() }, "stretch"),
+            (PathTraining { longitudinal_scale: 0.8, ..good.clone() }, "longitudinal_scale"),
         ] {
             let message = bad.check().unwrap_err().to_string();
             assert!(message.starts_with(key), "{message}");

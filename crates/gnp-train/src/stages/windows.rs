@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use gnp_data::{Window, WindowId, WindowSet};
-use gnp_model::Seen;
+use gnp_model::AugmentedView;
 use rand::Rng;
 
 use crate::error::TrainError;
@@ -48,16 +48,17 @@ impl<'a> Windows<'a> {
         indices: &[usize],
         augment: Augment,
         rng: &mut impl Rng,
-    ) -> Result<Vec<(Seen<'a>, Window<'a>)>, TrainError> {
+    ) -> Result<Vec<(AugmentedView<'a>, Window<'a>)>, TrainError> {
         let view = |index: &usize| {
             let window = self.ids.get(*index).and_then(|id| self.set.get(*id));
             let window = window.ok_or(TrainError::Window { index: *index, windows: self.len() })?;
             // Drawn for every window, so that a setting does not change what is drawn after it.
             let (mirrored, place) = (rng.random::<f64>() < augment.mirror, rng.random::<f64>());
             let observation = window.observation();
-            let seen = if mirrored { Seen::mirrored(observation) } else { Seen::recorded(observation) };
-            let stretch = augment.stretch.powf(2. * place - 1.);
-            Ok((seen.stretched(stretch as f32), window))
+            let seen =
+                if mirrored { AugmentedView::mirrored(observation) } else { AugmentedView::recorded(observation) };
+            let longitudinal_scale = augment.longitudinal_scale.powf(2. * place - 1.);
+            Ok((seen.scaled_along_road(longitudinal_scale as f32), window))
         };
         indices.iter().map(view).collect()
     }
@@ -70,12 +71,12 @@ pub(crate) struct Augment {
     pub(crate) mirror: f64,
     /// Largest factor by which lengths along the road are multiplied or divided; the factor's
     /// logarithm is drawn evenly.
-    pub(crate) stretch: f64,
+    pub(crate) longitudinal_scale: f64,
 }
 
 impl Augment {
     /// Nothing is varied.
-    pub(crate) const NONE: Self = Self { mirror: 0., stretch: 1. };
+    pub(crate) const NONE: Self = Self { mirror: 0., longitudinal_scale: 1. };
 
     /// Whether both values can be used.
     pub(crate) fn check(self) -> Result<(), TrainError> {
@@ -83,9 +84,13 @@ impl Augment {
             let remedy = "give a share between 0 (as published) and 1";
             return Err(TrainError::Config { key: "mirror", value: self.mirror.to_string(), remedy });
         }
-        if !(1. ..=4.).contains(&self.stretch) {
+        if !(1. ..=4.).contains(&self.longitudinal_scale) {
             let remedy = "give a factor between 1 (as published: none) and 4";
-            return Err(TrainError::Config { key: "stretch", value: self.stretch.to_string(), remedy });
+            return Err(TrainError::Config {
+                key: "longitudinal_scale",
+                value: self.longitudinal_scale.to_string(),
+                remedy,
+            });
         }
         Ok(())
     }

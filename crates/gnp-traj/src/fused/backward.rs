@@ -6,8 +6,8 @@ use gnp_force::{goal_force_vjp, line_force_vjp, vehicle_force_vjp};
 use super::aligned::{Aligned, LINE};
 use super::batch::Chunk;
 use super::forward::{Tape, line_features, neighbour_features, state_of, trained};
-use super::front::FrontAdjoint;
 use super::head::HeadAdjoint;
+use super::history_encoder::HistoryAdjoint;
 use super::layout::{Gradient, Net, Packed};
 use super::matmul::{Rows, RowsMut, Scratch};
 use super::mlp::{self, BLOCK, Workspace};
@@ -43,32 +43,32 @@ struct Back<'a, 'b> {
     dtau: Vec<f32>,
     dk: Vec<f32>,
     dk_line: Vec<f32>,
-    fronts: [Option<FrontAdjoint>; 2],
+    history_encoders: [Option<HistoryAdjoint>; 2],
     tau: Option<HeadAdjoint>,
     k: Option<HeadAdjoint>,
     k_line: Option<HeadAdjoint>,
     encoders: [Workspace; 2],
-    /// Of the codes of goals `[rows, code]`, over all steps.
+    /// Of the latents of goals `[rows, latent]`, over all steps.
     dgoal: Aligned,
-    /// Of the code of the history `[rows, code]` at one step.
-    dcode: Aligned,
-    /// Features at one step and the gradients of their codes.
+    /// Of the latent of the history `[rows, latent]` at one step.
+    dlatent: Aligned,
+    /// Features at one step and the gradients of their latents.
     features: Aligned,
-    dcodes: Aligned,
+    dlatents: Aligned,
     /// Of features, and of scaled states `[.., LINE]`.
     dfeatures: Aligned,
     dscaled: Aligned,
     scratch: Scratch,
-    /// Width of a code.
+    /// Width of a latent.
     width: usize,
 }
 
 impl<'a, 'b> Back<'a, 'b> {
     fn new(chunk: &'a Chunk<'b>, net: &'a Net<Packed>, tape: &Tape) -> Self {
-        let (rows, width, phase) = (chunk.rows(), net.fronts[0].out.outputs(), chunk.batch.phase);
-        let (neighbours, lines) = (chunk.neighbours.felt.len(), chunk.lines.felt.len());
-        let most = chunk.neighbours.taken.len().max(lines);
-        let front = |i: usize| tape.future[i].as_ref().filter(|_| trained(phase, i)).map(FrontAdjoint::new);
+        let (rows, width, phase) = (chunk.rows(), net.history_encoders[0].out.outputs(), chunk.batch.phase);
+        let (neighbours, lines) = (chunk.neighbours.pairs.len(), chunk.lines.pairs.len());
+        let most = chunk.neighbours.occupied.len().max(lines);
+        let history_encoder = |i: usize| tape.future[i].as_ref().filter(|_| trained(phase, i)).map(HistoryAdjoint::new);
         Self {
             chunk,
             net,
@@ -76,15 +76,15 @@ impl<'a, 'b> Back<'a, 'b> {
             dtau: vec![0.; rows],
             dk: vec![0.; neighbours],
             dk_line: vec![0.; lines],
-            fronts: [0, 1].map(front),
+            history_encoders: [0, 1].map(history_encoder),
             tau: trained(phase, 0).then(|| HeadAdjoint::new(&net.tau, &tape.tau)),
             k: tape.k.as_ref().map(|k| HeadAdjoint::new(&net.k, k)),
             k_line: tape.k_line.as_ref().map(|k| HeadAdjoint::new(&net.k_line, k)),
             encoders: [&net.enc_nei, &net.enc_line].map(|layers| Workspace::adjoint(layers, 2 * BLOCK)),
             dgoal: Aligned::zeros(rows * width),
-            dcode: Aligned::zeros(rows * width),
+            dlatent: Aligned::zeros(rows * width),
             features: Aligned::zeros(most * LINE),
-            dcodes: Aligned::zeros(most * width),
+            dlatents: Aligned::zeros(most * width),
             dfeatures: Aligned::zeros(lines * LINE),
             dscaled: Aligned::zeros(rows * LINE),
             scratch: Scratch::default(),
@@ -116,9 +116,9 @@ impl<'a, 'b> Back<'a, 'b> {
             dforces.push(dforce);
         }
         if let Some(k) = &tape.k {
-            let entries = chunk.neighbours.felt.iter().zip(k.value(run)).zip(&mut self.dk);
-            for ((&(row, taken), &share), dk) in entries {
-                let [x, y, ..] = chunk.neighbour(step, taken);
+            let entries = chunk.neighbours.pairs.iter().zip(k.value(run)).zip(&mut self.dk);
+            for ((&(row, occupied), &share), dk) in entries {
+                let [x, y, ..] = chunk.neighbour(step, occupied);
                 let r = state_of(motion, row).0 - Point2::new(x, y);
                 let push = vehicle_force_vjp(r, batch.k_max * share, batch.r_col, dforces[row]);
                 self.dmotion[row].0 += push.r;
@@ -126,9 +126,9 @@ impl<'a, 'b> Back<'a, 'b> {
             }
         }
         if let Some(k) = &tape.k_line {
-            let entries = chunk.lines.felt.iter().zip(k.value(run)).zip(&mut self.dk_line);
-            for ((&(row, taken), &share), dk) in entries {
-                let line = chunk.line(taken);
+            let entries = chunk.lines.pairs.iter().zip(k.value(run)).zip(&mut self.dk_line);
+            for ((&(row, occupied), &share), dk) in entries {
+                let line = chunk.line(occupied);
                 let d = motion[4 * row + 1] - line.y;
                 let push = line_force_vjp(line.kind, d, batch.k_max_line * share, line.side, dforces[row].y);
                 self.dmotion[row].0.y += push.d;
@@ -140,21 +140,37 @@ impl<'a, 'b> Back<'a, 'b> {
     /// Undoes the run of the networks before `step`.
     fn networks(&mut self, tape: &mut Tape, step: usize, run: usize, gradient: &mut Net<Gradient>) {
         let (net, width, runs) = (self.net, self.width, self.chunk.batch.runs());
-        if let (Some(head), Some(front), Some(future)) = (&mut self.tau, &mut self.fronts[0], &tape.future[0]) {
+        if let (Some(head), Some(history_encoder), Some(future)) =
+            (&mut self.tau, &mut self.history_encoders[0], &tape.future[0])
+        {
             head.run(&net.tau, &tape.tau, (run, runs), &self.dtau, &mut gradient.tau, &mut self.scratch);
             for (row, dinput) in head.dinput.chunks_exact(2 * width).enumerate() {
-                self.dcode[row * width..][..width].copy_from_slice(&dinput[..width]);
+                self.dlatent[row * width..][..width].copy_from_slice(&dinput[..width]);
                 add(&mut self.dgoal[row * width..][..width], &dinput[width..]);
             }
-            let dcode = Rows { data: &self.dcode, stride: width };
-            front.code(&net.fronts[0], future, run, dcode, &mut gradient.fronts[0], &mut self.scratch);
+            let dlatent = Rows { data: &self.dlatent, stride: width };
+            history_encoder.latent(
+                &net.history_encoders[0],
+                future,
+                run,
+                dlatent,
+                &mut gradient.history_encoders[0],
+                &mut self.scratch,
+            );
         }
-        self.dcode.fill(0.);
+        self.dlatent.fill(0.);
         self.neighbours(tape, step, run, gradient);
         self.lines(tape, step, run, gradient);
-        if let (Some(front), Some(future)) = (&mut self.fronts[1], &tape.future[1]) {
-            let dcode = Rows { data: &self.dcode, stride: width };
-            front.code(&net.fronts[1], future, run, dcode, &mut gradient.fronts[1], &mut self.scratch);
+        if let (Some(history_encoder), Some(future)) = (&mut self.history_encoders[1], &tape.future[1]) {
+            let dlatent = Rows { data: &self.dlatent, stride: width };
+            history_encoder.latent(
+                &net.history_encoders[1],
+                future,
+                run,
+                dlatent,
+                &mut gradient.history_encoders[1],
+                &mut self.scratch,
+            );
         }
         for dvalue in [&mut self.dtau, &mut self.dk, &mut self.dk_line] {
             dvalue.fill(0.);
@@ -163,10 +179,18 @@ impl<'a, 'b> Back<'a, 'b> {
             return;
         }
         for i in 0..2 {
-            if let (Some(front), Some(future)) = (&mut self.fronts[i], &mut tape.future[i]) {
+            if let (Some(history_encoder), Some(future)) = (&mut self.history_encoders[i], &mut tape.future[i]) {
                 let dscaled = RowsMut { data: &mut self.dscaled, stride: LINE };
-                let (steps, gradient) = ((run - 1, runs - 1), &mut gradient.fronts[i]);
-                front.step(&net.fronts[i], future, steps, &tape.scaled, Some(dscaled), gradient, &mut self.scratch);
+                let (steps, gradient) = ((run - 1, runs - 1), &mut gradient.history_encoders[i]);
+                history_encoder.step(
+                    &net.history_encoders[i],
+                    future,
+                    steps,
+                    &tape.scaled,
+                    Some(dscaled),
+                    gradient,
+                    &mut self.scratch,
+                );
                 let scale = self.chunk.batch.scale;
                 for ((dp, dv), d) in self.dmotion.iter_mut().zip(self.dscaled.chunks_exact(LINE)) {
                     *dp += Vector2::new(d[0] * scale[0], d[1] * scale[1]);
@@ -181,17 +205,17 @@ impl<'a, 'b> Back<'a, 'b> {
         let (Some(head), Some(k)) = (&mut self.k, &tape.k) else { return };
         let (net, chunk, width) = (self.net, self.chunk, self.width);
         head.run(&net.k, k, (run, chunk.batch.runs()), &self.dk, &mut gradient.k, &mut self.scratch);
-        let taken = chunk.neighbours.taken.len();
-        self.dcodes[..taken * width].fill(0.);
-        for (&(row, taken), dinput) in chunk.neighbours.felt.iter().zip(head.dinput.chunks_exact(2 * width)) {
-            add(&mut self.dcode[row * width..][..width], &dinput[..width]);
-            add(&mut self.dcodes[taken * width..][..width], &dinput[width..]);
+        let occupied = chunk.neighbours.occupied.len();
+        self.dlatents[..occupied * width].fill(0.);
+        for (&(row, occupied), dinput) in chunk.neighbours.pairs.iter().zip(head.dinput.chunks_exact(2 * width)) {
+            add(&mut self.dlatent[row * width..][..width], &dinput[..width]);
+            add(&mut self.dlatents[occupied * width..][..width], &dinput[width..]);
         }
-        neighbour_features(chunk, step, &mut self.features[..taken * LINE]);
-        let (features, dcodes) =
-            (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dcodes, stride: width });
+        neighbour_features(chunk, step, &mut self.features[..occupied * LINE]);
+        let (features, dlatents) =
+            (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dlatents, stride: width });
         let (work, sums) = (&mut self.encoders[0], &mut gradient.enc_nei);
-        mlp::adjoint_alone(&net.enc_nei, work, taken, features, dcodes, None, sums, &mut self.scratch);
+        mlp::adjoint_alone(&net.enc_nei, work, occupied, features, dlatents, None, sums, &mut self.scratch);
     }
 
     /// Undoes the head and the encoder of lines.
@@ -199,19 +223,28 @@ impl<'a, 'b> Back<'a, 'b> {
         let (Some(head), Some(k)) = (&mut self.k_line, &tape.k_line) else { return };
         let (net, chunk, width) = (self.net, self.chunk, self.width);
         head.run(&net.k_line, k, (run, chunk.batch.runs()), &self.dk_line, &mut gradient.k_line, &mut self.scratch);
-        let felt = &chunk.lines.felt;
-        let entries = felt.iter().zip(head.dinput.chunks_exact(2 * width)).zip(self.dcodes.chunks_exact_mut(width));
-        for ((&(row, _), dinput), dcode) in entries {
-            add(&mut self.dcode[row * width..][..width], &dinput[..width]);
-            dcode.copy_from_slice(&dinput[width..]);
+        let pairs = &chunk.lines.pairs;
+        let entries = pairs.iter().zip(head.dinput.chunks_exact(2 * width)).zip(self.dlatents.chunks_exact_mut(width));
+        for ((&(row, _), dinput), dlatent) in entries {
+            add(&mut self.dlatent[row * width..][..width], &dinput[..width]);
+            dlatent.copy_from_slice(&dinput[width..]);
         }
-        line_features(chunk, tape.motion.at(step), &mut self.features[..felt.len() * LINE]);
-        let (features, dcodes) =
-            (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dcodes, stride: width });
+        line_features(chunk, tape.motion.at(step), &mut self.features[..pairs.len() * LINE]);
+        let (features, dlatents) =
+            (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dlatents, stride: width });
         let dfeatures = RowsMut { data: &mut self.dfeatures, stride: LINE };
         let (work, sums) = (&mut self.encoders[1], &mut gradient.enc_line);
-        mlp::adjoint_alone(&net.enc_line, work, felt.len(), features, dcodes, Some(dfeatures), sums, &mut self.scratch);
-        for (&(row, _), dfeatures) in felt.iter().zip(self.dfeatures.chunks_exact(LINE)) {
+        mlp::adjoint_alone(
+            &net.enc_line,
+            work,
+            pairs.len(),
+            features,
+            dlatents,
+            Some(dfeatures),
+            sums,
+            &mut self.scratch,
+        );
+        for (&(row, _), dfeatures) in pairs.iter().zip(self.dfeatures.chunks_exact(LINE)) {
             self.dmotion[row].0.y += dfeatures[0];
         }
     }
@@ -219,12 +252,20 @@ impl<'a, 'b> Back<'a, 'b> {
     /// Undoes the observed frames and the encoder of goals.
     fn history(mut self, tape: &mut Tape, gradient: &mut Net<Gradient>) {
         let (net, batch) = (self.net, self.chunk.batch);
-        for (i, front) in self.fronts.into_iter().enumerate() {
-            let (Some(front), Some(history)) = (front, &mut tape.history[i]) else { continue };
-            let mut front = front.into_history(history, batch.sizes.goals);
+        for (i, history_encoder) in self.history_encoders.into_iter().enumerate() {
+            let (Some(history_encoder), Some(history)) = (history_encoder, &mut tape.history[i]) else { continue };
+            let mut history_encoder = history_encoder.into_history(history, batch.sizes.goals);
             for step in (0..batch.seen()).rev() {
-                let (steps, gradient) = ((step, batch.seen()), &mut gradient.fronts[i]);
-                front.step(&net.fronts[i], history, steps, &tape.seen, None, gradient, &mut self.scratch);
+                let (steps, gradient) = ((step, batch.seen()), &mut gradient.history_encoders[i]);
+                history_encoder.step(
+                    &net.history_encoders[i],
+                    history,
+                    steps,
+                    &tape.seen,
+                    None,
+                    gradient,
+                    &mut self.scratch,
+                );
             }
         }
         if self.tau.is_some() {

@@ -5,7 +5,7 @@ use std::ops::Range;
 use candle_core::{DType, Result, Tensor};
 use gnp_force::{LineKind, Side};
 
-use super::layout::{Front, Net, Packed};
+use super::layout::{HistoryEncoder, Net, Packed};
 use crate::scene::Sizes;
 use crate::{Integrator, NeighbourStates, Phase, Scene, TrajConfig};
 
@@ -85,14 +85,15 @@ impl Batch {
         self.steps.div_ceil(self.period)
     }
 
-    /// About how many values the tape of a full chunk holds, were all slots taken.
+    /// About how many values the tape of a full chunk holds, were all slots occupied.
     pub(crate) fn tape_values(&self, net: &Net<Packed>) -> usize {
-        let front = |front: &Front<Packed>| 2 * front.cell.inputs + front.cell.outputs();
+        let history_encoder =
+            |history_encoder: &HistoryEncoder<Packed>| 2 * history_encoder.cell.inputs + history_encoder.cell.outputs();
         let head = |layers: &[Packed]| layers.iter().skip(1).map(|layer| layer.inputs).sum::<usize>();
         let Sizes { goals, slots, lines, .. } = self.sizes;
-        let fronts: usize = net.fronts.iter().map(front).sum();
+        let history_encoders: usize = net.history_encoders.iter().map(history_encoder).sum();
         let heads = head(&net.tau) + slots * head(&net.k) + lines * head(&net.k_line);
-        WINDOWS * (self.seen() * fronts + goals * self.runs() * (fronts + heads))
+        WINDOWS * (self.seen() * history_encoders + goals * self.runs() * (history_encoders + heads))
     }
 
     /// Observed frames that the networks see.
@@ -110,31 +111,31 @@ fn values(x: &Tensor) -> Result<Vec<f32>> {
 pub(crate) struct Chunk<'a> {
     pub(crate) batch: &'a Batch,
     pub(crate) windows: Range<usize>,
-    pub(crate) neighbours: Pushers,
-    pub(crate) lines: Pushers,
+    pub(crate) neighbours: ActiveSlots,
+    pub(crate) lines: ActiveSlots,
 }
 
-/// The slots that are taken, and by which rows they are felt.
+/// The slots that are occupied, and by which rows they are pairs.
 #[derive(Debug, Default)]
-pub(crate) struct Pushers {
+pub(crate) struct ActiveSlots {
     /// Window of the chunk and slot of each that is present.
-    pub(crate) taken: Vec<(usize, usize)>,
-    /// Row and index into `taken`, for every row in order.
-    pub(crate) felt: Vec<(usize, usize)>,
+    pub(crate) occupied: Vec<(usize, usize)>,
+    /// Row and index into `occupied`, for every row in order.
+    pub(crate) pairs: Vec<(usize, usize)>,
 }
 
-impl Pushers {
+impl ActiveSlots {
     fn new(windows: Range<usize>, slots: usize, goals: usize, present: &[bool]) -> Self {
-        let mut pushers = Self::default();
+        let mut slots = Self::default();
         for (window, global) in windows.enumerate() {
-            let first = pushers.taken.len();
+            let first = slots.occupied.len();
             let there = (0..slots).filter(|slot| present[global * slots + slot]);
-            pushers.taken.extend(there.map(|slot| (window, slot)));
+            slots.occupied.extend(there.map(|slot| (window, slot)));
             for goal in 0..goals {
-                pushers.felt.extend((first..pushers.taken.len()).map(|i| (window * goals + goal, i)));
+                slots.pairs.extend((first..slots.occupied.len()).map(|i| (window * goals + goal, i)));
             }
         }
-        pushers
+        slots
     }
 }
 
@@ -143,8 +144,8 @@ impl<'a> Chunk<'a> {
         let Sizes { goals, slots, lines, .. } = batch.sizes;
         Self {
             batch,
-            neighbours: Pushers::new(windows.clone(), slots, goals, &batch.present),
-            lines: Pushers::new(windows.clone(), lines, goals, &batch.line_present),
+            neighbours: ActiveSlots::new(windows.clone(), slots, goals, &batch.present),
+            lines: ActiveSlots::new(windows.clone(), lines, goals, &batch.line_present),
             windows,
         }
     }
@@ -172,22 +173,22 @@ impl<'a> Chunk<'a> {
         [self.batch.goals[at], self.batch.goals[at + 1]]
     }
 
-    /// The state of a taken slot in a step.
-    pub(crate) fn neighbour(&self, step: usize, taken: usize) -> [f32; 4] {
-        let (window, slot) = self.neighbours.taken[taken];
+    /// The state of a occupied slot in a step.
+    pub(crate) fn neighbour(&self, step: usize, occupied: usize) -> [f32; 4] {
+        let (window, slot) = self.neighbours.occupied[occupied];
         let at = (self.windows.start + window) * self.batch.steps + step;
         quad(&self.batch.states, at * self.batch.sizes.slots + slot)
     }
 
     /// A line that is there.
-    pub(crate) fn line(&self, taken: usize) -> Line {
-        let (window, slot) = self.lines.taken[taken];
+    pub(crate) fn line(&self, occupied: usize) -> Line {
+        let (window, slot) = self.lines.occupied[occupied];
         let at = 3 * ((self.windows.start + window) * self.batch.sizes.lines + slot);
         let kind = self.batch.lines[at + 1];
         Line {
             y: self.batch.lines[at],
             feature: kind,
-            kind: if kind > 0.5 { LineKind::Boundary } else { LineKind::Centre },
+            kind: if kind > 0.5 { LineKind::Boundary } else { LineKind::LaneDivider },
             side: if self.batch.lines[at + 2] < 0. { Side::Right } else { Side::Left },
         }
     }

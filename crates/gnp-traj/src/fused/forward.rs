@@ -5,8 +5,8 @@ use gnp_force::{goal_force, line_force, vehicle_force};
 
 use super::aligned::{Aligned, LINE, Pool, Trace};
 use super::batch::Chunk;
-use super::front::FrontTape;
 use super::head::{HeadTape, HeadWork};
+use super::history_encoder::HistoryTape;
 use super::layout::{Net, Packed};
 use super::matmul::{Rows, RowsMut};
 use super::mlp::{self, BLOCK, Workspace};
@@ -19,8 +19,8 @@ pub(crate) struct Tape {
     pub(crate) seen: Trace,
     pub(crate) scaled: Trace,
     /// phi_1 and phi_2, over the observed frames and over the predicted ones; phi_2 if anything pushes.
-    pub(crate) history: [Option<FrontTape>; 2],
-    pub(crate) future: [Option<FrontTape>; 2],
+    pub(crate) history: [Option<HistoryTape>; 2],
+    pub(crate) future: [Option<HistoryTape>; 2],
     /// States `[rows, 4]` before each step.
     pub(crate) motion: Trace,
     /// Scaled goals `[rows, LINE]`.
@@ -70,19 +70,19 @@ impl Tape {
     fn new(chunk: &Chunk<'_>, net: &Net<Packed>, pool: &Pool, keep: bool) -> Self {
         let batch = chunk.batch;
         let (rows, runs, seen) = (chunk.rows(), batch.runs(), batch.seen());
-        let (neighbours, lines) = (chunk.neighbours.felt.len(), chunk.lines.felt.len());
+        let (neighbours, lines) = (chunk.neighbours.pairs.len(), chunk.lines.pairs.len());
         let kept = |steps: usize| if keep { steps } else { steps.min(2) };
-        let front = |i: usize, rows: usize, steps: usize| {
+        let history_encoder = |i: usize, rows: usize, steps: usize| {
             let acts = i == 0 || neighbours + lines > 0;
             let keep = keep && trained(batch.phase, i);
-            acts.then(|| FrontTape::new(pool, &net.fronts[i], rows, steps, keep))
+            acts.then(|| HistoryTape::new(pool, &net.history_encoders[i], rows, steps, keep))
         };
         let head = |layers: &[Packed], rows: usize| (rows > 0).then(|| HeadTape::new(pool, layers, rows, runs, keep));
         Self {
             seen: Trace::new(pool, kept(seen), chunk.count() * LINE),
             scaled: Trace::new(pool, kept(runs), rows * LINE),
-            history: [0, 1].map(|i| front(i, chunk.count(), seen)),
-            future: [0, 1].map(|i| front(i, rows, runs - 1)),
+            history: [0, 1].map(|i| history_encoder(i, chunk.count(), seen)),
+            future: [0, 1].map(|i| history_encoder(i, rows, runs - 1)),
             motion: Trace::new(pool, kept(batch.steps + 1), rows * 4),
             goals: Aligned::zeros(rows * LINE),
             tau: HeadTape::new(pool, &net.tau, rows, runs, keep && trained(batch.phase, 0)),
@@ -93,18 +93,19 @@ impl Tape {
 
     /// Gives all memory back, keeping at most `limit` values idle.
     pub(crate) fn recycle(self, pool: &Pool, limit: usize) {
-        let fronts = self.history.into_iter().chain(self.future).flatten().flat_map(FrontTape::into_buffers);
+        let history_encoders =
+            self.history.into_iter().chain(self.future).flatten().flat_map(HistoryTape::into_buffers);
         let traces = [self.seen, self.scaled, self.motion].map(Trace::into_buffer);
         let heads = [Some(self.tau), self.k, self.k_line].into_iter().flatten().flat_map(HeadTape::into_buffers);
-        pool.give(fronts.chain(traces).chain(heads), limit);
+        pool.give(history_encoders.chain(traces).chain(heads), limit);
     }
 }
 
 /// Whether `phase` trains phi_1 (0) or phi_2 (1).
-pub(crate) fn trained(phase: Phase, front: usize) -> bool {
+pub(crate) fn trained(phase: Phase, history_encoder: usize) -> bool {
     match phase {
-        Phase::Attraction => front == 0,
-        Phase::Repulsion => front == 1,
+        Phase::Attraction => history_encoder == 0,
+        Phase::Repulsion => history_encoder == 1,
         Phase::Full => true,
     }
 }
@@ -131,9 +132,9 @@ fn observe(chunk: &Chunk<'_>, net: &Net<Packed>, tape: &mut Tape) {
             scale_into(seen, chunk.observed(window, step), batch.scale);
         }
         let states = Rows { data: tape.seen.at(step), stride: LINE };
-        for (front, history) in net.fronts.iter().zip(&mut tape.history) {
+        for (history_encoder, history) in net.history_encoders.iter().zip(&mut tape.history) {
             if let Some(history) = history {
-                history.advance(front, step, states);
+                history.advance(history_encoder, step, states);
             }
         }
     }
@@ -157,17 +158,17 @@ fn scale_into(row: &mut [f32], state: [f32; 4], scale: [f32; 4]) {
     }
 }
 
-/// Scaled states of the taken slots in a step, `[taken, LINE]`.
+/// Scaled states of the occupied slots in a step, `[occupied, LINE]`.
 pub(crate) fn neighbour_features(chunk: &Chunk<'_>, step: usize, features: &mut [f32]) {
-    for (taken, row) in features.chunks_exact_mut(LINE).enumerate() {
-        scale_into(row, chunk.neighbour(step, taken), chunk.batch.scale);
+    for (occupied, row) in features.chunks_exact_mut(LINE).enumerate() {
+        scale_into(row, chunk.neighbour(step, occupied), chunk.batch.scale);
     }
 }
 
-/// Distance and kind of each line that each row feels, `[felt, LINE]`.
+/// Distance and kind of each line that each row feels, `[pairs, LINE]`.
 pub(crate) fn line_features(chunk: &Chunk<'_>, motion: &[f32], features: &mut [f32]) {
-    for (&(row, taken), features) in chunk.lines.felt.iter().zip(features.chunks_exact_mut(LINE)) {
-        let line = chunk.line(taken);
+    for (&(row, occupied), features) in chunk.lines.pairs.iter().zip(features.chunks_exact_mut(LINE)) {
+        let line = chunk.line(occupied);
         features[0] = motion[4 * row + 1] - line.y;
         features[1] = line.feature;
     }
@@ -187,24 +188,24 @@ struct Drive<'a, 'b> {
     outcome: Outcome,
     heads: [HeadWork; 3],
     encoders: [Workspace; 2],
-    /// Features and codes of what is encoded at a step.
+    /// Features and latents of what is encoded at a step.
     features: Aligned,
-    codes: Aligned,
-    /// Code of the history `[rows, code]`.
-    code: Aligned,
-    goal_code: Aligned,
-    /// Width of a code.
+    latents: Aligned,
+    /// Code of the history `[rows, latent]`.
+    latent: Aligned,
+    goal_latent: Aligned,
+    /// Width of a latent.
     width: usize,
 }
 
 impl<'a, 'b> Drive<'a, 'b> {
     fn new(chunk: &'a Chunk<'b>, net: &'a Net<Packed>, tape: &'a mut Tape, explain: bool) -> Self {
-        let (rows, width) = (chunk.rows(), net.fronts[0].out.outputs());
-        let most = chunk.neighbours.taken.len().max(chunk.lines.felt.len());
-        let mut goal_code = Aligned::zeros(rows * width);
+        let (rows, width) = (chunk.rows(), net.history_encoders[0].out.outputs());
+        let most = chunk.neighbours.occupied.len().max(chunk.lines.pairs.len());
+        let mut goal_latent = Aligned::zeros(rows * width);
         let mut work = Workspace::forward(&net.enc_goal, BLOCK);
         let goals = Rows { data: &tape.goals, stride: LINE };
-        mlp::forward(&net.enc_goal, &mut work, rows, goals, RowsMut { data: &mut goal_code, stride: width });
+        mlp::forward(&net.enc_goal, &mut work, rows, goals, RowsMut { data: &mut goal_latent, stride: width });
         let path = vec![0.; rows * chunk.batch.steps * 2];
         Self {
             chunk,
@@ -214,9 +215,9 @@ impl<'a, 'b> Drive<'a, 'b> {
             heads: [&net.tau, &net.k, &net.k_line].map(|layers| HeadWork::new(layers)),
             encoders: [&net.enc_nei, &net.enc_line].map(|layers| Workspace::forward(layers, BLOCK)),
             features: Aligned::zeros(most * LINE),
-            codes: Aligned::zeros(most * width),
-            code: Aligned::zeros(rows * width),
-            goal_code,
+            latents: Aligned::zeros(most * width),
+            latent: Aligned::zeros(rows * width),
+            goal_latent,
             width,
         }
     }
@@ -240,46 +241,46 @@ impl<'a, 'b> Drive<'a, 'b> {
                 scale_into(scaled, *state, chunk.batch.scale);
             }
             let states = Rows { data: self.tape.scaled.at(run - 1), stride: LINE };
-            for (front, future) in net.fronts.iter().zip(&mut self.tape.future) {
+            for (history_encoder, future) in net.history_encoders.iter().zip(&mut self.tape.future) {
                 if let Some(future) = future {
-                    future.advance(front, run - 1, states);
+                    future.advance(history_encoder, run - 1, states);
                 }
             }
         }
         if let Some(future) = &self.tape.future[0] {
-            future.code(&net.fronts[0], run, RowsMut { data: &mut self.code, stride: width });
+            future.latent(&net.history_encoders[0], run, RowsMut { data: &mut self.latent, stride: width });
         }
         for (row, input) in self.tape.tau.input.at_mut(run).chunks_exact_mut(2 * width).enumerate() {
-            input[..width].copy_from_slice(&self.code[row * width..][..width]);
-            input[width..].copy_from_slice(&self.goal_code[row * width..][..width]);
+            input[..width].copy_from_slice(&self.latent[row * width..][..width]);
+            input[width..].copy_from_slice(&self.goal_latent[row * width..][..width]);
         }
         self.tape.tau.forward(&net.tau, run, &mut self.heads[0]);
 
         if let Some(future) = &self.tape.future[1] {
-            future.code(&net.fronts[1], run, RowsMut { data: &mut self.code, stride: width });
+            future.latent(&net.history_encoders[1], run, RowsMut { data: &mut self.latent, stride: width });
         }
         if let Some(k) = &mut self.tape.k {
-            let taken = chunk.neighbours.taken.len();
-            neighbour_features(chunk, step, &mut self.features[..taken * LINE]);
+            let occupied = chunk.neighbours.occupied.len();
+            neighbour_features(chunk, step, &mut self.features[..occupied * LINE]);
             let features = Rows { data: &self.features, stride: LINE };
-            let codes = RowsMut { data: &mut self.codes, stride: width };
-            mlp::forward(&net.enc_nei, &mut self.encoders[0], taken, features, codes);
-            let entries = chunk.neighbours.felt.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
-            for (&(row, taken), input) in entries {
-                input[..width].copy_from_slice(&self.code[row * width..][..width]);
-                input[width..].copy_from_slice(&self.codes[taken * width..][..width]);
+            let latents = RowsMut { data: &mut self.latents, stride: width };
+            mlp::forward(&net.enc_nei, &mut self.encoders[0], occupied, features, latents);
+            let entries = chunk.neighbours.pairs.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
+            for (&(row, occupied), input) in entries {
+                input[..width].copy_from_slice(&self.latent[row * width..][..width]);
+                input[width..].copy_from_slice(&self.latents[occupied * width..][..width]);
             }
             k.forward(&net.k, run, &mut self.heads[1]);
         }
         if let Some(k) = &mut self.tape.k_line {
-            let felt = chunk.lines.felt.len();
-            line_features(chunk, self.tape.motion.at(step), &mut self.features[..felt * LINE]);
+            let pairs = chunk.lines.pairs.len();
+            line_features(chunk, self.tape.motion.at(step), &mut self.features[..pairs * LINE]);
             let features = Rows { data: &self.features, stride: LINE };
-            let codes = RowsMut { data: &mut self.codes, stride: width };
-            mlp::forward(&net.enc_line, &mut self.encoders[1], felt, features, codes);
-            let entries = chunk.lines.felt.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
-            for ((&(row, _), input), line) in entries.zip(self.codes.chunks_exact(width)) {
-                input[..width].copy_from_slice(&self.code[row * width..][..width]);
+            let latents = RowsMut { data: &mut self.latents, stride: width };
+            mlp::forward(&net.enc_line, &mut self.encoders[1], pairs, features, latents);
+            let entries = chunk.lines.pairs.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
+            for ((&(row, _), input), line) in entries.zip(self.latents.chunks_exact(width)) {
+                input[..width].copy_from_slice(&self.latent[row * width..][..width]);
                 input[width..].copy_from_slice(line);
             }
             k.forward(&net.k_line, run, &mut self.heads[2]);
@@ -304,26 +305,26 @@ impl<'a, 'b> Drive<'a, 'b> {
             }
         }
         if let Some(k) = &self.tape.k {
-            for (&(row, taken), &share) in chunk.neighbours.felt.iter().zip(k.value(run)) {
-                let [x, y, ..] = chunk.neighbour(step, taken);
+            for (&(row, occupied), &share) in chunk.neighbours.pairs.iter().zip(k.value(run)) {
+                let [x, y, ..] = chunk.neighbour(step, occupied);
                 let k = batch.k_max * share;
                 let force = vehicle_force(state_of(motion, row).0 - Point2::new(x, y), k, batch.r_col);
                 forces[row] += force;
                 if let Some(record) = &mut self.outcome.record {
-                    let at = (row * steps + step) * batch.sizes.slots + chunk.neighbours.taken[taken].1;
+                    let at = (row * steps + step) * batch.sizes.slots + chunk.neighbours.occupied[occupied].1;
                     record.k[at] = k;
                     record.neighbour_forces[2 * at..2 * at + 2].copy_from_slice(force.as_slice());
                 }
             }
         }
         if let Some(k) = &self.tape.k_line {
-            for (&(row, taken), &share) in chunk.lines.felt.iter().zip(k.value(run)) {
-                let line = chunk.line(taken);
+            for (&(row, occupied), &share) in chunk.lines.pairs.iter().zip(k.value(run)) {
+                let line = chunk.line(occupied);
                 let k = batch.k_max_line * share;
                 let force = line_force(line.kind, motion[4 * row + 1] - line.y, k, line.side);
                 forces[row].y += force;
                 if let Some(record) = &mut self.outcome.record {
-                    let at = (row * steps + step) * batch.sizes.lines + chunk.lines.taken[taken].1;
+                    let at = (row * steps + step) * batch.sizes.lines + chunk.lines.occupied[occupied].1;
                     record.k_line[at] = k;
                     record.line_forces[at] = force;
                 }

@@ -1,7 +1,7 @@
 //! The heads that end in one sigmoid a row, and their adjoint.
 
 use super::aligned::{Aligned, LINE, Pool, Trace};
-use super::front::GATHER;
+use super::history_encoder::GATHER;
 use super::layout::{Gradient, Packed};
 use super::matmul::{Rows, RowsMut, Scratch, Start, product};
 use super::mlp::{self, BLOCK, Workspace};

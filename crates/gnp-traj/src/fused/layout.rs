@@ -10,7 +10,7 @@ use crate::{Phase, TrajConfig};
 #[derive(Clone, Debug)]
 pub(crate) struct Net<T> {
     /// phi_1 and phi_2.
-    pub(crate) fronts: [Front<T>; 2],
+    pub(crate) history_encoders: [HistoryEncoder<T>; 2],
     pub(crate) enc_goal: Vec<T>,
     pub(crate) tau: Vec<T>,
     pub(crate) enc_nei: Vec<T>,
@@ -20,9 +20,9 @@ pub(crate) struct Net<T> {
     pub(crate) k_line: Vec<T>,
 }
 
-/// Embedding, LSTM and code of a history.
+/// Embedding, LSTM and latent of a history.
 #[derive(Clone, Debug)]
-pub(crate) struct Front<T> {
+pub(crate) struct HistoryEncoder<T> {
     pub(crate) emb: T,
     pub(crate) cell: T,
     pub(crate) out: T,
@@ -30,10 +30,11 @@ pub(crate) struct Front<T> {
 
 impl<T> Net<T> {
     pub(crate) fn map<U>(&self, f: impl Fn(&T) -> U) -> Net<U> {
-        let front = |x: &Front<T>| Front { emb: f(&x.emb), cell: f(&x.cell), out: f(&x.out) };
+        let history_encoder =
+            |x: &HistoryEncoder<T>| HistoryEncoder { emb: f(&x.emb), cell: f(&x.cell), out: f(&x.out) };
         let list = |x: &[T]| x.iter().map(&f).collect();
         Net {
-            fronts: [front(&self.fronts[0]), front(&self.fronts[1])],
+            history_encoders: [history_encoder(&self.history_encoders[0]), history_encoder(&self.history_encoders[1])],
             enc_goal: list(&self.enc_goal),
             tau: list(&self.tau),
             enc_nei: list(&self.enc_nei),
@@ -46,7 +47,7 @@ impl<T> Net<T> {
     /// Every map, in one fixed order.
     pub(crate) fn iter(&self) -> impl Iterator<Item = &T> {
         let lists = [&self.enc_goal, &self.tau, &self.enc_nei, &self.k, &self.enc_line, &self.k_line];
-        self.fronts.iter().flat_map(|x| [&x.emb, &x.cell, &x.out]).chain(lists.into_iter().flatten())
+        self.history_encoders.iter().flat_map(|x| [&x.emb, &x.cell, &x.out]).chain(lists.into_iter().flatten())
     }
 }
 
@@ -202,21 +203,21 @@ pub(crate) struct Layout {
 impl Layout {
     pub(crate) fn new(cfg: &TrajConfig) -> Self {
         let mut flat = Flat::default();
-        let encoder = |input: usize| [&[input], &cfg.encoder[..], &[cfg.code]].concat();
-        let head = [&[2 * cfg.code], &cfg.decoder[..], &[1]].concat();
-        let first = flat.front(cfg, 1);
+        let encoder = |input: usize| [&[input], &cfg.encoder[..], &[cfg.latent_dim]].concat();
+        let head = [&[2 * cfg.latent_dim], &cfg.decoder[..], &[1]].concat();
+        let first = flat.history_encoder(cfg, 1);
         let enc_goal = flat.mlp("enc_goal", &encoder(2), &[2]);
-        let tau = flat.mlp("tau", &head, &[cfg.code, cfg.code]);
+        let tau = flat.mlp("tau", &head, &[cfg.latent_dim, cfg.latent_dim]);
         let phi_1 = flat.names.len();
-        let second = flat.front(cfg, 2);
+        let second = flat.history_encoder(cfg, 2);
         let enc_nei = flat.mlp("enc_nei", &encoder(4), &[4]);
-        let k = flat.mlp("k", &head, &[cfg.code, cfg.code]);
+        let k = flat.mlp("k", &head, &[cfg.latent_dim, cfg.latent_dim]);
         let (mut enc_line, mut k_line) = (Vec::new(), Vec::new());
         if cfg.lines {
             enc_line = flat.mlp("enc_line", &encoder(2), &[2]);
-            k_line = flat.mlp("k_line", &head, &[cfg.code, cfg.code]);
+            k_line = flat.mlp("k_line", &head, &[cfg.latent_dim, cfg.latent_dim]);
         }
-        let maps = Net { fronts: [first, second], enc_goal, tau, enc_nei, k, enc_line, k_line };
+        let maps = Net { history_encoders: [first, second], enc_goal, tau, enc_nei, k, enc_line, k_line };
         Self { names: flat.names, phi_1, maps }
     }
 
@@ -268,7 +269,7 @@ impl Flat {
         widths.windows(2).enumerate().map(layer).collect()
     }
 
-    fn front(&mut self, cfg: &TrajConfig, number: usize) -> Front<Dense> {
+    fn history_encoder(&mut self, cfg: &TrajConfig, number: usize) -> HistoryEncoder<Dense> {
         let (hidden, gates) = (cfg.hidden, 4 * cfg.hidden);
         let emb = self.linear(&format!("emb{number}"), &[4], cfg.embedding);
         let input = self.push(format!("cell{number}.weight_ih"), &[gates, cfg.embedding]);
@@ -277,7 +278,7 @@ impl Flat {
         let whole = |offset, width| Part { offset, stride: width, column: 0, width };
         let cell =
             Dense { inputs: vec![whole(input, cfg.embedding), whole(memory, hidden)], biases, outputs: (4, hidden) };
-        let out = self.linear(&format!("out{number}"), &[hidden], cfg.code);
-        Front { emb, cell, out }
+        let out = self.linear(&format!("out{number}"), &[hidden], cfg.latent_dim);
+        HistoryEncoder { emb, cell, out }
     }
 }

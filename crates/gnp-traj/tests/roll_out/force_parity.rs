@@ -57,7 +57,7 @@ fn forces_on_tensors_are_those_of_gnp_force() -> Outcome {
             }
             for i in 0..line_count {
                 let line = &lines[3 * (window * line_count + i)..][..3];
-                let kind = if line[1] == 0. { LineKind::Centre } else { LineKind::Boundary };
+                let kind = if line[1] == 0. { LineKind::LaneDivider } else { LineKind::Boundary };
                 let side = if line[2] < 0. { Side::Right } else { Side::Left };
                 let wanted = line_force(kind, p.y - wide(line[0]), wide(k_line[at * line_count + i]), side);
                 assert_equal("line", &lateral[at * line_count + i..][..1], &[wanted]);

@@ -88,7 +88,7 @@ fn several_chunks_add_up() -> Outcome {
 
 #[test]
 fn heads_of_one_and_two_hidden_layers_work_too() -> Outcome {
-    let cfg = TrajConfig { decoder: vec![9], encoder: vec![7], hidden: 17, embedding: 16, code: 20, ..small() };
+    let cfg = TrajConfig { decoder: vec![9], encoder: vec![7], hidden: 17, embedding: 16, latent_dim: 20, ..small() };
     assert_same(&cfg, &scene(3, 2, 13)?, Phase::Full)?;
     assert_same(&TrajConfig { decoder: vec![33, 5], ..cfg }, &scene(3, 2, 13)?, Phase::Full)
 }

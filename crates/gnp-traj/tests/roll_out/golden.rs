@@ -20,7 +20,7 @@ fn path_and_gradients_are_those_of_pytorch() -> Outcome {
     let cfg = TrajConfig {
         hidden: 12,
         embedding: 8,
-        code: 6,
+        latent_dim: 6,
         encoder: vec![10, 9],
         decoder: vec![11, 10, 9],
         input_scale: InputScale { position: 1., velocity: 1. },

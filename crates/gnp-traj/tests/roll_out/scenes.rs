@@ -15,7 +15,7 @@ pub(crate) fn small() -> TrajConfig {
     TrajConfig {
         hidden: 12,
         embedding: 8,
-        code: 6,
+        latent_dim: 6,
         encoder: vec![10, 9],
         decoder: vec![11, 13, 14],
         tau_max: 1.7,

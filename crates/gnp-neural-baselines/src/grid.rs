@@ -1,6 +1,6 @@
 //! Who stands in which cell around a vehicle, at the last observed frame.
 
-use gnp_data::{LaneLine, LineKind, Neighbour, Observation};
+use gnp_data::{LaneMarking, MarkingKind, Neighbour, Observation};
 
 /// Rows of the grid by lane, along the road.
 pub(crate) const LANE_ROWS: usize = 13;
@@ -63,7 +63,7 @@ impl<'a> Grid<'a> {
 /// are none, by lateral distance.
 #[must_use]
 pub(crate) fn by_lane<'a>(observation: &Observation<'a>) -> Grid<'a> {
-    let lines: Vec<LaneLine> = observation.lines().collect();
+    let lines: Vec<LaneMarking> = observation.lines().collect();
     let cell = |neighbour: Neighbour<'a>| {
         whole_past(observation, &neighbour).then_some(())?;
         let now = neighbour.now();
@@ -86,15 +86,15 @@ pub(crate) fn by_place<'a>(observation: &Observation<'a>) -> Grid<'a> {
 
 /// Tracks have no gaps: who was there in the first observed frame was there in all.
 fn whole_past(observation: &Observation<'_>, neighbour: &Neighbour<'_>) -> bool {
-    observation.shape().observed > 0 && neighbour.state(0).is_some()
+    observation.shape().t_obs > 0 && neighbour.state(0).is_some()
 }
 
 /// Lanes from the window's origin to `y` (m), positive to the left.
-pub(crate) fn lanes_to_left(lines: &[LaneLine], y: f32) -> i32 {
+pub(crate) fn lanes_to_left(lines: &[LaneMarking], y: f32) -> i32 {
     if lines.is_empty() {
         return (y / LANE_WIDTH).round() as i32;
     }
-    let below = |y: f32| lines.iter().filter(|line| line.kind == LineKind::Centre && line.y < y).count() as i32;
+    let below = |y: f32| lines.iter().filter(|line| line.kind == MarkingKind::LaneDivider && line.y < y).count() as i32;
     below(y) - below(0.)
 }
 
@@ -148,12 +148,12 @@ mod tests {
 
     #[test]
     fn lanes_are_counted_between_lines_or_by_width() {
-        let line = |kind, y| LaneLine { kind, y };
+        let line = |kind, y| LaneMarking { kind, y };
         let lines = [
-            line(LineKind::Boundary, -5.),
-            line(LineKind::Centre, -1.5),
-            line(LineKind::Centre, 2.),
-            line(LineKind::Boundary, 5.5),
+            line(MarkingKind::Boundary, -5.),
+            line(MarkingKind::LaneDivider, -1.5),
+            line(MarkingKind::LaneDivider, 2.),
+            line(MarkingKind::Boundary, 5.5),
         ];
         let at = |y| lanes_to_left(&lines, y);
         assert_eq!([at(-6.), at(-1.6), at(1.9), at(2.1), at(7.)], [-1, -1, 0, 1, 1]);

@@ -5,20 +5,25 @@ mod road;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use candle_core::{Device, Tensor};
-use gnp_data::{Forecast, InformedPredictor, Predictor, Recording, Window, WindowId, WindowSet};
+use gnp_data::{Forecast, OraclePredictor, Predictor, Recording, Window, WindowId, WindowSet};
 use gnp_nn::Weights;
 use gnp_train::{BatchReport, Observer, Stage, TrainError};
 
+use crate::augmented_view::{AugmentedView, Side};
 use crate::learned::inputs;
 use crate::net::Net;
 use crate::network::Ask;
-use crate::seen::{Seen, Side};
 use crate::stage::{RecipeStage, is_statistic};
-use crate::{ClassLoss, Learned, LearnedError, LearnedKind, Recipe, Training};
+use crate::{ClassLoss, NeuralBaseline, NeuralBaselineError, Recipe, TrainedBaseline, Training};
 
 /// Kinds that have a network of their own.
-const TRAINED: [LearnedKind; 5] =
-    [LearnedKind::SLstm, LearnedKind::CsLstm, LearnedKind::CsLstmM, LearnedKind::PipNoPlan, LearnedKind::PipInformed];
+const TRAINED: [NeuralBaseline; 5] = [
+    NeuralBaseline::SLstm,
+    NeuralBaseline::CsLstm,
+    NeuralBaseline::CsLstmM,
+    NeuralBaseline::PipNoPlan,
+    NeuralBaseline::PipInformed,
+];
 
 fn recipe() -> Recipe {
     Recipe {
@@ -39,9 +44,9 @@ fn recipe() -> Recipe {
     }
 }
 
-fn count(kind: LearnedKind, fused_targets: usize) -> usize {
+fn count(kind: NeuralBaseline, fused_targets: usize) -> usize {
     let weights = Weights::seeded(1, &Device::Cpu);
-    let shape = gnp_data::WindowShape { observed: 31, predicted: 50, step: 1, rate_hz: 10. };
+    let shape = gnp_data::WindowShape { t_obs: 31, t_pred: 50, step: 1, rate_hz: 10. };
     let recipe = Recipe { fused_targets, ..recipe() };
     Net::new(kind, &recipe, inputs(shape, 1.).unwrap(), &weights.builder()).unwrap();
     let trained = weights.named().into_iter().filter(|(name, _)| !is_statistic(name));
@@ -50,18 +55,18 @@ fn count(kind: LearnedKind, fused_targets: usize) -> usize {
 
 #[test]
 fn networks_have_as_many_weights_as_the_published_ones() {
-    assert_eq!(count(LearnedKind::SLstm, 0), 351_573);
-    assert_eq!(count(LearnedKind::CsLstm, 0), 191_829);
-    assert_eq!(count(LearnedKind::CsLstmM, 0), 194_954);
-    assert_eq!(count(LearnedKind::PipInformed, 8), 2_579_034);
-    assert_eq!(count(LearnedKind::PipSurrogate, 8), 2_579_034);
-    assert_eq!(count(LearnedKind::PipNoPlan, 8), 2_513_930);
-    assert_eq!(count(LearnedKind::PipInformed, 0), 260_186);
-    assert_eq!(count(LearnedKind::PipNoPlan, 0), 195_082);
+    assert_eq!(count(NeuralBaseline::SLstm, 0), 351_573);
+    assert_eq!(count(NeuralBaseline::CsLstm, 0), 191_829);
+    assert_eq!(count(NeuralBaseline::CsLstmM, 0), 194_954);
+    assert_eq!(count(NeuralBaseline::PipInformed, 8), 2_579_034);
+    assert_eq!(count(NeuralBaseline::PipSurrogate, 8), 2_579_034);
+    assert_eq!(count(NeuralBaseline::PipNoPlan, 8), 2_513_930);
+    assert_eq!(count(NeuralBaseline::PipInformed, 0), 260_186);
+    assert_eq!(count(NeuralBaseline::PipNoPlan, 0), 195_082);
 }
 
 /// A network that was not trained, after `epochs` epochs of `recipe`.
-fn with_stage<T>(kind: LearnedKind, recipe: &Recipe, epochs: usize, check: impl Fn(&RecipeStage<'_>) -> T) -> T {
+fn with_stage<T>(kind: NeuralBaseline, recipe: &Recipe, epochs: usize, check: impl Fn(&RecipeStage<'_>) -> T) -> T {
     let recordings = [road::plain()];
     let (set, _) = WindowSet::cut(&recordings, &road::config()).unwrap();
     let weights = Weights::seeded(recipe.seed, &Device::Cpu);
@@ -118,7 +123,7 @@ fn classes_count_beside_a_squared_error_as_they_do_in_feet() {
     let loss = |epochs: usize, class_loss, unit_m| {
         let recipe = Recipe { class_loss, class_loss_in_warm_up: true, unit_m, ..recipe() };
         let loss = |stage: &RecipeStage<'_>| stage.loss(&[0, 11, 23], 0).unwrap().to_scalar::<f32>().unwrap();
-        with_stage(LearnedKind::Stdan, &recipe, epochs, loss)
+        with_stage(NeuralBaseline::Stdan, &recipe, epochs, loss)
     };
     let classes = |epochs, unit_m| loss(epochs, ClassLoss::Categorical, unit_m) - loss(epochs, ClassLoss::None, unit_m);
     let (warm_up, likelihood) = (classes(0, 3.048), classes(1, 3.048));
@@ -133,12 +138,12 @@ fn a_mirrored_window_is_a_window_of_the_mirrored_road() {
     let (plain, mirrored) = (road::plain(), road::mirrored());
     let window = |recording| Window::new(recording, road::shape(), 4, 4 * 70 + 30).unwrap();
     let (plain, mirrored) = (window(&plain), window(&mirrored));
-    let turned = Seen { observation: plain.observation(), side: Side::Mirrored };
-    let recorded = Seen::recorded(&mirrored.observation());
-    for kind in TRAINED.into_iter().chain([LearnedKind::Stdan]) {
+    let turned = AugmentedView { observation: plain.observation(), side: Side::Mirrored };
+    let recorded = AugmentedView::recorded(&mirrored.observation());
+    for kind in TRAINED.into_iter().chain([NeuralBaseline::Stdan]) {
         with_stage(kind, &recipe(), 0, |stage| {
-            let means = |seen: Seen<'_>, window: Window<'_>| {
-                let truths = kind.is_informed().then(|| [window.truth()]);
+            let means = |seen: AugmentedView<'_>, window: Window<'_>| {
+                let truths = kind.uses_future().then(|| [window.truth()]);
                 let truths = truths.as_ref().map(|truths| truths.as_slice());
                 let output = stage.net.forward(&[seen], truths, Ask::Predict).unwrap();
                 output.gaussians.mean.flatten_all().unwrap().to_vec1::<f32>().unwrap()
@@ -146,7 +151,7 @@ fn a_mirrored_window_is_a_window_of_the_mirrored_road() {
             let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
             let (turned, recorded) = (means(turned, plain), means(recorded, mirrored));
             assert!(close(&turned, &recorded), "{kind:?}");
-            assert!(!close(&turned, &means(Seen::recorded(&plain.observation()), plain)), "{kind:?}");
+            assert!(!close(&turned, &means(AugmentedView::recorded(&plain.observation()), plain)), "{kind:?}");
             let inputs = stage.net.inputs;
             let futures = |window: Window<'_>, side| {
                 let futures = inputs.futures([(window.truth(), side)].into_iter(), &Device::Cpu).unwrap();
@@ -162,9 +167,9 @@ fn a_mirrored_window_is_a_window_of_the_mirrored_road() {
 fn the_share_of_mirrored_windows_is_that_of_the_recipe() {
     let differs = |mirror: f64| {
         let recipe = Recipe { mirror, ..recipe() };
-        with_stage(LearnedKind::CsLstm, &recipe, 0, |stage| {
+        with_stage(NeuralBaseline::CsLstm, &recipe, 0, |stage| {
             let loss = |seed| stage.loss(&[5], seed).unwrap().to_scalar::<f32>().unwrap();
-            let recorded = with_stage(LearnedKind::CsLstm, &self::recipe(), 0, |plain| {
+            let recorded = with_stage(NeuralBaseline::CsLstm, &self::recipe(), 0, |plain| {
                 plain.loss(&[5], 0).unwrap().to_scalar::<f32>().unwrap()
             });
             (0..60).filter(|seed| loss(*seed) != recorded).count()
@@ -175,23 +180,23 @@ fn the_share_of_mirrored_windows_is_that_of_the_recipe() {
 }
 
 /// A network that was not trained, as a predictor.
-fn untrained(kind: LearnedKind, set: &WindowSet<'_>) -> Learned {
+fn untrained(kind: NeuralBaseline, set: &WindowSet<'_>) -> TrainedBaseline {
     let folder = tempfile::tempdir().unwrap();
     let recipe = Recipe { warm_up_epochs: 0, likelihood_epochs: 1, learning_rate: 1e-12, ..recipe() };
     let data = Training { set, train: &set.ids()[..3], validation: &set.ids()[..2], split_hash: "h" };
     let stop = AtomicBool::new(false);
-    Learned::train(kind, &recipe, &data, folder.path(), &Device::Cpu, (), &stop).unwrap()
+    TrainedBaseline::train(kind, &recipe, &data, folder.path(), &Device::Cpu, (), &stop).unwrap()
 }
 
-fn predict(learned: &Learned, recording: &Recording, targets: [u32; 3]) -> Vec<Forecast> {
+fn predict(learned: &TrainedBaseline, recording: &Recording, targets: [u32; 3]) -> Vec<Forecast> {
     let recordings = std::slice::from_ref(recording);
     let (set, _) = WindowSet::cut(recordings, &road::config()).unwrap();
     let windows: Vec<Window<'_>> = targets
         .iter()
         .map(|vehicle| set.iter().filter(|window| window.key().vehicle == *vehicle).nth(2).unwrap())
         .collect();
-    match learned.informed() {
-        Some(informed) => informed.predict_informed(&windows, 6).unwrap(),
+    match learned.with_future() {
+        Some(informed) => informed.predict_with_future(&windows, 6).unwrap(),
         None => {
             let observations: Vec<_> = windows.iter().map(Window::observation).collect();
             learned.predict(&observations, 6).unwrap()
@@ -211,10 +216,10 @@ fn a_scrambled_future_changes_nothing_but_what_is_informed() {
     );
     let recordings = [plain.clone()];
     let (set, _) = WindowSet::cut(&recordings, &road::config()).unwrap();
-    for kind in TRAINED.into_iter().chain([LearnedKind::PipSurrogate]) {
+    for kind in TRAINED.into_iter().chain([NeuralBaseline::PipSurrogate]) {
         let learned = untrained(kind, &set);
         let (before, after) = (predict(&learned, &plain, [1, 5, 8]), predict(&learned, &scrambled, [1, 5, 8]));
-        assert_eq!(before == after, !kind.is_informed(), "{kind:?}");
+        assert_eq!(before == after, !kind.uses_future(), "{kind:?}");
     }
 }
 
@@ -263,16 +268,16 @@ fn a_stopped_training_ends_like_one_that_never_stopped_and_reads_back() {
     let (set, _) = WindowSet::cut(&recordings, &road::config()).unwrap();
     let (train, validation) = parts(&set);
     let data = Training { set: &set, train: &train, validation: &validation, split_hash: "split" };
-    for kind in [LearnedKind::CsLstmM, LearnedKind::PipSurrogate] {
+    for kind in [NeuralBaseline::CsLstmM, NeuralBaseline::PipSurrogate] {
         let (whole, broken) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let go = |folder: &std::path::Path, after: u64| {
             let stop = AtomicBool::new(false);
             let observer = StopAfter(after, &stop);
-            Learned::train(kind, &recipe(), &data, folder, &Device::Cpu, observer, &stop)
+            TrainedBaseline::train(kind, &recipe(), &data, folder, &Device::Cpu, observer, &stop)
         };
         let straight = go(whole.path(), u64::MAX).unwrap();
         let error = go(broken.path(), 5).unwrap_err();
-        assert!(matches!(error, LearnedError::Interrupted { .. }), "{error}");
+        assert!(matches!(error, NeuralBaselineError::Interrupted { .. }), "{error}");
         let resumed = go(broken.path(), u64::MAX).unwrap();
         let observations: Vec<_> = validation.iter().map(|id| set.get(*id).unwrap().observation()).collect();
         let forecasts = straight.predict(&observations, 6).unwrap();
@@ -281,8 +286,8 @@ fn a_stopped_training_ends_like_one_that_never_stopped_and_reads_back() {
         assert!(straight.header().epoch > recipe().warm_up_epochs, "chosen in the phase of likelihood");
         assert!(straight.header().simulated && straight.header().split_hash == "split");
 
-        let mut loaded = Learned::load(&Learned::path(whole.path(), kind), &Device::Cpu).unwrap();
-        if kind == LearnedKind::PipSurrogate {
+        let mut loaded = TrainedBaseline::load(&TrainedBaseline::path(whole.path(), kind), &Device::Cpu).unwrap();
+        if kind == NeuralBaseline::PipSurrogate {
             let refused = loaded.predict(&observations, 6).unwrap_err().to_string();
             assert!(refused.contains("PiP (ego future known)"), "{refused}");
             loaded = loaded.with_surrogate_plan().unwrap();
@@ -298,7 +303,7 @@ fn a_stopped_training_ends_like_one_that_never_stopped_and_reads_back() {
 
         let other = Recipe { learning_rate: 1e-4, ..recipe() };
         let stop = AtomicBool::new(false);
-        let refused = Learned::train(kind, &other, &data, whole.path(), &Device::Cpu, (), &stop).unwrap_err();
+        let refused = TrainedBaseline::train(kind, &other, &data, whole.path(), &Device::Cpu, (), &stop).unwrap_err();
         assert!(refused.to_string().contains("another recipe"), "{refused}");
     }
 }
@@ -321,7 +326,7 @@ fn training_lowers_the_error_of_every_network() {
     for kind in TRAINED {
         let folder = tempfile::tempdir().unwrap();
         let stop = AtomicBool::new(false);
-        let learned = Learned::train(kind, &recipe, &data, folder.path(), &Device::Cpu, (), &stop).unwrap();
+        let learned = TrainedBaseline::train(kind, &recipe, &data, folder.path(), &Device::Cpu, (), &stop).unwrap();
         // A vehicle covers some 12 m.
         assert!(learned.header().scores["fde"] < 6., "{kind:?}: {:?}", learned.header().scores);
     }
@@ -331,14 +336,14 @@ fn training_lowers_the_error_of_every_network() {
 fn foreign_files_and_foreign_windows_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.safetensors");
-    let load = || Learned::load(&path, &Device::Cpu).unwrap_err().to_string();
+    let load = || TrainedBaseline::load(&path, &Device::Cpu).unwrap_err().to_string();
     assert!(load().contains("cannot be read"));
     std::fs::write(&path, b"no safetensors").unwrap();
     assert!(load().contains("not a whole safetensors file"));
 
     let recordings = [road::plain()];
     let (set, _) = WindowSet::cut(&recordings, &road::config()).unwrap();
-    let learned = untrained(LearnedKind::CsLstm, &set);
+    let learned = untrained(NeuralBaseline::CsLstm, &set);
     let longer = gnp_data::WindowConfig { predicted_s: 2., ..road::config() };
     let (other, _) = WindowSet::cut(&recordings, &longer).unwrap();
     let observation = other.get(other.ids()[0]).unwrap().observation();

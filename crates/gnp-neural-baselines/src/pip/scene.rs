@@ -2,11 +2,11 @@
 //! the ego's plan.
 
 use candle_core::{Device, Result, Tensor};
-use gnp_data::{Neighbour, Observation, State, Truth};
+use gnp_data::{Neighbour, Observation, TrackState, Truth};
 
+use crate::augmented_view::AugmentedView;
 use crate::grid::{Grid, PLACE_CELLS, PLACE_CENTRE, by_place, place_cell};
 use crate::inputs::{Inputs, by_time};
-use crate::seen::Seen;
 
 /// Where the ego's plan comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,7 +84,7 @@ fn targets<'a>(observation: &Observation<'a>, ego: Option<&Neighbour<'a>>, most:
 }
 
 /// The ego's plan in the window's frame, m, first point first.
-fn plan(inputs: &Inputs, ego: &Neighbour<'_>, truth: Option<&Truth<'_>>) -> Vec<State> {
+fn plan(inputs: &Inputs, ego: &Neighbour<'_>, truth: Option<&Truth<'_>>) -> Vec<TrackState> {
     let (clock, points) = (inputs.clock, inputs.clock.future());
     if let Some(truth) = truth {
         return (0..points).map(|k| truth.other(ego, clock.predicted_frame(k)).unwrap_or_default()).collect();
@@ -93,10 +93,10 @@ fn plan(inputs: &Inputs, ego: &Neighbour<'_>, truth: Option<&Truth<'_>>) -> Vec<
     let state = |k: usize| ego.state(clock.observed_frame(k)).unwrap_or_default();
     let (before, now) = (state(clock.past() - 1 - steps), state(clock.past() - 1));
     let time = |k: usize| (k + 1) as f32 / steps as f32;
-    let ahead = |k: usize| State {
+    let ahead = |k: usize| TrackState {
         x: now.x + (now.x - before.x) * time(k),
         y: now.y + (now.y - before.y) * time(k),
-        ..State::default()
+        ..TrackState::default()
     };
     (0..points).map(ahead).collect()
 }
@@ -117,7 +117,7 @@ impl Scenes {
     /// [`Plan::Recorded`] alone.
     pub(crate) fn new(
         inputs: &Inputs,
-        windows: &[Seen<'_>],
+        windows: &[AugmentedView<'_>],
         source: Plan,
         truths: Option<&[Truth<'_>]>,
         most: usize,
@@ -132,17 +132,17 @@ impl Scenes {
         let (mut neighbour_paths, mut cells) = (Vec::new(), Vec::new());
         let (mut plans, mut plan_cells) = (Vec::new(), Vec::new());
         let mut without_ego = 0;
-        for (b, Seen { observation, side }) in windows.iter().enumerate() {
+        for (b, AugmentedView { observation, side }) in windows.iter().enumerate() {
             let side = *side;
             let truth = truths.and_then(|truths| truths.get(b));
-            let ego = ego(&by_place(observation), truth, observation.shape().predicted.saturating_sub(1));
+            let ego = ego(&by_place(observation), truth, observation.shape().t_pred.saturating_sub(1));
             without_ego += usize::from(ego.is_none());
             let planned = ego.as_ref().map(|ego| plan(inputs, ego, truth)).unwrap_or_default();
             scored.push(target_paths.len() as u32);
             for Target { observation: target, cell } in targets(observation, ego.as_ref(), most) {
                 let n = target_paths.len();
                 target_cells.push((PLACE_CELLS * b + side.place_cell(cell)) as u32);
-                let path = inputs.target(&Seen { observation: target, side });
+                let path = inputs.target(&AugmentedView { observation: target, side });
                 for occupant in by_place(&target).occupants {
                     let mut other = inputs.neighbour(&occupant.neighbour, side);
                     for (other, own) in other.iter_mut().zip(&path) {
@@ -153,8 +153,11 @@ impl Scenes {
                 }
                 target_paths.push(with_neighbours(&path));
                 let (from, to) = (observation.origin(), target.origin());
-                let moved =
-                    |state: State| State { x: state.x + from[0] - to[0], y: state.y + from[1] - to[1], ..state };
+                let moved = |state: TrackState| TrackState {
+                    x: state.x + from[0] - to[0],
+                    y: state.y + from[1] - to[1],
+                    ..state
+                };
                 let cell = ego.as_ref().map(|ego| moved(ego.now())).and_then(|now| place_cell([now.x, now.y]));
                 if let Some(cell) = cell.filter(|_| source != Plan::None) {
                     let reversed: Vec<[f32; 2]> =

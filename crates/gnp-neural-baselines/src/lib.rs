@@ -1,14 +1,14 @@
-//! Learned baselines: published networks rebuilt layer by layer, so that one table can hold them to
+//! TrainedBaseline baselines: published networks rebuilt layer by layer, so that one table can hold them to
 //! the same windows and the same metrics as GNP.
 //!
 //! S-LSTM, CS-LSTM and CS-LSTM(M) (Deo and Trivedi 2018), PiP (Song et al. 2020) and STDAN (Chen et
 //! al. 2022). Shared parts exist once: grids of neighbours, the path encoder, Gaussian heads,
-//! pooling whose gradient is right, and one training by [`Recipe`]. [`Learned`] is any of them behind
-//! [`gnp_data::Predictor`]; only [`LearnedKind::PipInformed`] is ever handed a recorded future.
+//! pooling whose gradient is right, and one training by [`Recipe`]. [`TrainedBaseline`] is any of them behind
+//! [`gnp_data::Predictor`]; only [`NeuralBaseline::PipInformed`] is ever handed a recorded future.
 
+mod augmented_view;
 mod cell;
 mod checkpoint;
-mod clock;
 mod conv;
 mod cslstm;
 mod encoder;
@@ -26,18 +26,18 @@ mod pip;
 mod pooling;
 mod recipe;
 mod rows;
-mod seen;
 mod sequence;
 mod slstm;
 mod stage;
 mod stdan;
 #[cfg(test)]
 mod tests;
+mod time_grid;
 mod train;
 
 pub use crate::checkpoint::Header;
-pub use crate::error::LearnedError;
-pub use crate::kind::LearnedKind;
-pub use crate::learned::{Informed, Learned};
+pub use crate::error::NeuralBaselineError;
+pub use crate::kind::NeuralBaseline;
+pub use crate::learned::{TrainedBaseline, WithFuture};
 pub use crate::recipe::{ClassLoss, Recipe};
 pub use crate::train::Training;

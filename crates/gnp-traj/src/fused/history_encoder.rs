@@ -1,8 +1,8 @@
-//! Embedding, LSTM and code of a history, and their adjoint.
+//! Embedding, LSTM and latent of a history, and their adjoint.
 
 use super::aligned::{Aligned, Pool, Trace};
 use super::elementwise::{lstm, lstm_adjoint, relu_adjoint};
-use super::layout::{Front, Gradient, Packed};
+use super::layout::{Gradient, HistoryEncoder, Packed};
 use super::matmul::{Rows, RowsMut, Scratch, Start, product};
 
 /// Rows whose weight gradients are summed at once, at least: fewer would fetch the sums from memory for
@@ -11,7 +11,7 @@ pub(crate) const GATHER: usize = 192;
 
 /// What an LSTM leaves behind on its way through some steps.
 #[derive(Debug)]
-pub(crate) struct FrontTape {
+pub(crate) struct HistoryTape {
     rows: usize,
     /// Width of the embedding, and of the memory.
     widths: (usize, usize),
@@ -23,10 +23,17 @@ pub(crate) struct FrontTape {
     cell: Trace,
 }
 
-impl FrontTape {
+impl HistoryTape {
     /// Room for `steps` steps, all of them to be kept or not; it starts without any memory.
-    pub(crate) fn new(pool: &Pool, front: &Front<Packed>, rows: usize, steps: usize, keep: bool) -> Self {
-        let (embedding, hidden) = (front.emb.outputs(), front.cell.inputs - front.emb.outputs());
+    pub(crate) fn new(
+        pool: &Pool,
+        history_encoder: &HistoryEncoder<Packed>,
+        rows: usize,
+        steps: usize,
+        keep: bool,
+    ) -> Self {
+        let (embedding, hidden) =
+            (history_encoder.emb.outputs(), history_encoder.cell.inputs - history_encoder.emb.outputs());
         let kept = |steps: usize| if keep { steps } else { steps.min(2) };
         let mut tape = Self {
             rows,
@@ -41,14 +48,14 @@ impl FrontTape {
     }
 
     /// Takes in the scaled states `[rows, 4]` of step `step`.
-    pub(crate) fn advance(&mut self, front: &Front<Packed>, step: usize, states: Rows<'_>) {
+    pub(crate) fn advance(&mut self, history_encoder: &HistoryEncoder<Packed>, step: usize, states: Rows<'_>) {
         let (embedding, hidden) = self.widths;
         let stride = embedding + hidden;
         let input = RowsMut { data: self.input.at_mut(step), stride };
-        product(self.rows, states, &front.emb.forward, Start::Bias(&front.emb.bias), true, input);
+        product(self.rows, states, &history_encoder.emb.forward, Start::Bias(&history_encoder.emb.bias), true, input);
         let input = Rows { data: self.input.at(step), stride };
         let gates = RowsMut { data: self.gates.at_mut(step), stride: 4 * hidden };
-        product(self.rows, input, &front.cell.forward, Start::Bias(&front.cell.bias), false, gates);
+        product(self.rows, input, &history_encoder.cell.forward, Start::Bias(&history_encoder.cell.bias), false, gates);
         self.cell.carry(step);
         let h = RowsMut { data: &mut self.input.at_mut(step + 1)[embedding..], stride };
         lstm(self.rows, hidden, self.gates.at_mut(step), self.cell.at_mut(step + 1), h);
@@ -72,9 +79,16 @@ impl FrontTape {
         }
     }
 
-    /// The code `[rows, code]` after `steps` steps.
-    pub(crate) fn code(&self, front: &Front<Packed>, steps: usize, code: RowsMut<'_>) {
-        product(self.rows, self.output(steps), &front.out.forward, Start::Bias(&front.out.bias), false, code);
+    /// The latent `[rows, latent]` after `steps` steps.
+    pub(crate) fn latent(&self, history_encoder: &HistoryEncoder<Packed>, steps: usize, latent: RowsMut<'_>) {
+        product(
+            self.rows,
+            self.output(steps),
+            &history_encoder.out.forward,
+            Start::Bias(&history_encoder.out.bias),
+            false,
+            latent,
+        );
     }
 
     pub(crate) fn into_buffers(self) -> [Aligned; 3] {
@@ -82,9 +96,9 @@ impl FrontTape {
     }
 }
 
-/// The gradient on its way back through the steps of a [`FrontTape`].
+/// The gradient on its way back through the steps of a [`HistoryTape`].
 #[derive(Debug)]
-pub(crate) struct FrontAdjoint {
+pub(crate) struct HistoryAdjoint {
     /// Steps whose weight gradients are summed at once.
     gather: usize,
     /// Of the output and the cell after the step to undo next, `[rows, hidden]`.
@@ -96,8 +110,8 @@ pub(crate) struct FrontAdjoint {
     demb: Aligned,
 }
 
-impl FrontAdjoint {
-    pub(crate) fn new(tape: &FrontTape) -> Self {
+impl HistoryAdjoint {
+    pub(crate) fn new(tape: &HistoryTape) -> Self {
         let (embedding, hidden) = tape.widths;
         let gather = GATHER.div_ceil(tape.rows);
         Self {
@@ -109,32 +123,32 @@ impl FrontAdjoint {
         }
     }
 
-    /// Takes in the gradient `dcode` `[rows, code]` of the code after `steps` steps.
-    pub(crate) fn code(
+    /// Takes in the gradient `dlatent` `[rows, latent]` of the latent after `steps` steps.
+    pub(crate) fn latent(
         &mut self,
-        front: &Front<Packed>,
-        tape: &FrontTape,
+        history_encoder: &HistoryEncoder<Packed>,
+        tape: &HistoryTape,
         steps: usize,
-        dcode: Rows<'_>,
-        gradient: &mut Front<Gradient>,
+        dlatent: Rows<'_>,
+        gradient: &mut HistoryEncoder<Gradient>,
         scratch: &mut Scratch,
     ) {
         let dh = RowsMut { data: &mut self.dh, stride: tape.widths.1 };
-        product(tape.rows, dcode, &front.out.backward, Start::Sum, false, dh);
-        gradient.out.add(tape.rows, dcode, tape.output(steps), scratch);
+        product(tape.rows, dlatent, &history_encoder.out.backward, Start::Sum, false, dh);
+        gradient.out.add(tape.rows, dlatent, tape.output(steps), scratch);
     }
 
-    /// Undoes step `step` of `steps`; `states` is the trace of scaled states that were taken in, and
+    /// Undoes step `step` of `steps`; `states` is the trace of scaled states that were occupied in, and
     /// `dstates` `[rows, ..]` receives their gradient.
     #[expect(clippy::too_many_arguments, reason = "one step touches everything once")]
     pub(crate) fn step(
         &mut self,
-        front: &Front<Packed>,
-        tape: &mut FrontTape,
+        history_encoder: &HistoryEncoder<Packed>,
+        tape: &mut HistoryTape,
         (step, steps): (usize, usize),
         states: &Trace,
         dstates: Option<RowsMut<'_>>,
-        gradient: &mut Front<Gradient>,
+        gradient: &mut HistoryEncoder<Gradient>,
         scratch: &mut Scratch,
     ) {
         let (embedding, hidden) = tape.widths;
@@ -144,7 +158,7 @@ impl FrontAdjoint {
         lstm_adjoint(rows, hidden, gates, tape.cell.at(step), tape.cell.at(step + 1), dh, &mut self.dcell);
         let dgates = Rows { data: tape.gates.at(step), stride: 4 * hidden };
         let dinput = RowsMut { data: &mut self.dinput, stride };
-        product(rows, dgates, &front.cell.backward, Start::Zero, false, dinput);
+        product(rows, dgates, &history_encoder.cell.backward, Start::Zero, false, dinput);
         let demb = &mut self.demb[step % self.gather * rows * embedding..][..rows * embedding];
         for row in 0..rows {
             let dinput = &self.dinput[row * stride..][..stride];
@@ -155,7 +169,7 @@ impl FrontAdjoint {
         relu_adjoint(rows, embedding, value, RowsMut { data: demb, stride: embedding });
         if let Some(dstates) = dstates {
             let demb = Rows { data: demb, stride: embedding };
-            product(rows, demb, &front.emb.backward, Start::Zero, false, dstates);
+            product(rows, demb, &history_encoder.emb.backward, Start::Zero, false, dstates);
         }
         if step % self.gather == 0 {
             let count = self.gather.min(steps - step);
@@ -163,13 +177,13 @@ impl FrontAdjoint {
             let input = Rows { data: tape.input.span(step, count), stride };
             gradient.cell.add(count * rows, dgates, input, scratch);
             let demb = Rows { data: &self.demb, stride: embedding };
-            let states = Rows { data: states.span(step, count), stride: front.emb.inputs };
+            let states = Rows { data: states.span(step, count), stride: history_encoder.emb.inputs };
             gradient.emb.add(count * rows, demb, states, scratch);
         }
     }
 
     /// Goes over from the roll-out to the history it started from: rows of one window add up.
-    pub(crate) fn into_history(self, history: &FrontTape, goals: usize) -> Self {
+    pub(crate) fn into_history(self, history: &HistoryTape, goals: usize) -> Self {
         let hidden = history.widths.1;
         let mut adjoint = Self::new(history);
         for (sum, from) in [(&mut adjoint.dh, &self.dh), (&mut adjoint.dcell, &self.dcell)] {

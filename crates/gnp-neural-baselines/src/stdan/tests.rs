@@ -8,9 +8,9 @@ use gnp_data::{
 use gnp_nn::Weights;
 
 use super::*;
-use crate::clock::Clock;
+use crate::augmented_view::AugmentedView;
 use crate::inputs::Inputs;
-use crate::seen::Seen;
+use crate::time_grid::TimeGrid;
 
 fn published() -> StdanSizes {
     StdanSizes::published(16, 25)
@@ -198,7 +198,7 @@ fn the_future_is_a_convex_mixture_of_the_past_chosen_by_the_likeliest_manoeuvre(
     }
 }
 
-const SHAPE: WindowShape = WindowShape { observed: 31, predicted: 50, step: 1, rate_hz: 10. };
+const SHAPE: WindowShape = WindowShape { t_obs: 31, t_pred: 50, step: 1, rate_hz: 10. };
 
 /// Five vehicles on three lanes in 81 frames, listed in the order `order`, which gives the ids. After
 /// the last observed frame they drive as `scrambled` says.
@@ -237,13 +237,13 @@ fn traffic(order: [usize; 5], scrambled: bool) -> Recording {
 
 /// Bits of the means for the vehicles 0 and 3 of `traffic`.
 fn forecast(recording: &Recording, order: [usize; 5], masked: bool) -> Vec<u32> {
-    let clock = Clock::new(SHAPE).unwrap();
+    let clock = TimeGrid::new(SHAPE).unwrap();
     let targets = [0, 3].map(|car| {
         let track = order.iter().position(|listed| *listed == car).unwrap();
         Observation::new(recording, SHAPE, track, track * 81 + 30).unwrap()
     });
     let past = Inputs { clock, unit_m: 0.3048 }
-        .past(&targets.map(|target| Seen::recorded(&target)), true, &Device::Cpu)
+        .past(&targets.map(|target| AugmentedView::recorded(&target)), true, &Device::Cpu)
         .unwrap();
     assert_eq!(past.cells.len(), 4 + 2, "two are two lanes away from the second target");
     let output = net(published(), masked).0.forward(&past, Ask::Predict).unwrap();

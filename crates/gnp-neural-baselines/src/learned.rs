@@ -5,17 +5,17 @@ use std::path::Path;
 
 use candle_core::{DType, Device};
 use candle_nn::VarBuilder;
-use gnp_data::{Forecast, InformedPredictor, Mode, Observation, PredictError, Predictor, Truth, Window, WindowShape};
+use gnp_data::{Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, Truth, Window, WindowShape};
 
+use crate::augmented_view::{AugmentedView, Side};
 use crate::checkpoint::{Checkpoint, Header};
-use crate::clock::Clock;
-use crate::error::LearnedError;
+use crate::error::NeuralBaselineError;
 use crate::gauss::mixture_nll;
 use crate::inputs::Inputs;
-use crate::kind::LearnedKind;
+use crate::kind::NeuralBaseline;
 use crate::net::Net;
 use crate::network::{Ask, Output};
-use crate::seen::{Seen, Side};
+use crate::time_grid::TimeGrid;
 
 /// Windows that go through a network at once.
 const BATCH: usize = 128;
@@ -23,49 +23,51 @@ const BATCH: usize = 128;
 /// A trained baseline.
 ///
 /// The networks see and predict points at 5 Hz; between them a forecast is linear in time. Every kind
-/// but [`LearnedKind::PipInformed`] is a [`Predictor`]; that one predicts through
-/// [`Learned::informed`] alone.
+/// but [`NeuralBaseline::PipInformed`] is a [`Predictor`]; that one predicts through
+/// [`TrainedBaseline::informed`] alone.
 #[derive(Debug)]
-pub struct Learned {
-    kind: LearnedKind,
+pub struct TrainedBaseline {
+    kind: NeuralBaseline,
     header: Header,
     net: Net,
 }
 
-impl Learned {
-    /// Reads a checkpoint that [`Learned::train`] wrote.
+impl TrainedBaseline {
+    /// Reads a checkpoint that [`TrainedBaseline::train`] wrote.
     ///
     /// # Errors
-    /// [`LearnedError::Checkpoint`] for a file that is missing, damaged, of another program or lacks a
+    /// [`NeuralBaselineError::Checkpoint`] for a file that is missing, damaged, of another program or lacks a
     /// weight.
-    pub fn load(path: &Path, device: &Device) -> Result<Self, LearnedError> {
+    pub fn load(path: &Path, device: &Device) -> Result<Self, NeuralBaselineError> {
         let Checkpoint { header, tensors } = Checkpoint::load(path)?;
         let mut constants = HashMap::with_capacity(tensors.len());
         for (name, tensor) in tensors {
             constants.insert(name, tensor.to_device(device)?);
         }
         let vb = VarBuilder::from_tensors(constants, DType::F32, device);
-        let net = Net::new(header.kind, &header.recipe, inputs(header.shape, header.recipe.unit_m)?, &vb)
-            .map_err(|e| LearnedError::checkpoint(path, format!("does not hold this network ({e}): train again")))?;
+        let net =
+            Net::new(header.kind, &header.recipe, inputs(header.shape, header.recipe.unit_m)?, &vb).map_err(|e| {
+                NeuralBaselineError::checkpoint(path, format!("does not hold this network ({e}): train again"))
+            })?;
         Ok(Self { kind: header.kind, header, net })
     }
 
     /// The same PiP network with plans of constant velocity instead of recorded ones.
     ///
     /// # Errors
-    /// [`LearnedError::NoPlan`] for a network that takes no plan.
-    pub fn with_surrogate_plan(mut self) -> Result<Self, LearnedError> {
-        if self.kind.trained_as() != LearnedKind::PipInformed {
-            return Err(LearnedError::NoPlan { kind: self.kind.name() });
+    /// [`NeuralBaselineError::NoPlan`] for a network that takes no plan.
+    pub fn with_surrogate_plan(mut self) -> Result<Self, NeuralBaselineError> {
+        if self.kind.trained_as() != NeuralBaseline::PipInformed {
+            return Err(NeuralBaselineError::NoPlan { kind: self.kind.name() });
         }
         self.net.plan_constant_velocity();
-        self.kind = LearnedKind::PipSurrogate;
+        self.kind = NeuralBaseline::PipSurrogate;
         Ok(self)
     }
 
     /// Which baseline it is.
     #[must_use]
-    pub fn kind(&self) -> LearnedKind {
+    pub fn kind(&self) -> NeuralBaseline {
         self.kind
     }
 
@@ -77,8 +79,8 @@ impl Learned {
 
     /// The form that is handed recorded futures, for the one kind that is.
     #[must_use]
-    pub fn informed(&self) -> Option<Informed<'_>> {
-        self.kind.is_informed().then_some(Informed(self))
+    pub fn with_future(&self) -> Option<WithFuture<'_>> {
+        self.kind.uses_future().then_some(WithFuture(self))
     }
 
     /// Mean negative log-likelihood of recorded positions, by window, over the points of the future:
@@ -92,7 +94,7 @@ impl Learned {
             let observations: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
             self.check(&observations)?;
             let truths: Vec<Truth<'_>> = windows.iter().map(Window::truth).collect();
-            let output = self.forward(&observations, self.kind.is_informed().then_some(&truths))?;
+            let output = self.forward(&observations, self.kind.uses_future().then_some(&truths))?;
             let values = || {
                 let truths = windows.iter().map(|window| (window.truth(), Side::Recorded));
                 let truth = self.net.inputs.futures(truths, self.net.device())?.unsqueeze(1)?;
@@ -109,7 +111,7 @@ impl Learned {
         observations: &[Observation<'_>],
         truths: Option<&Vec<Truth<'_>>>,
     ) -> Result<Output, PredictError> {
-        let seen: Vec<Seen<'_>> = observations.iter().map(Seen::recorded).collect();
+        let seen: Vec<AugmentedView<'_>> = observations.iter().map(AugmentedView::recorded).collect();
         self.net.forward(&seen, truths.map(Vec::as_slice), Ask::Predict).map_err(|e| self.fail(e))
     }
 
@@ -119,7 +121,7 @@ impl Learned {
 
     fn check(&self, observations: &[Observation<'_>]) -> Result<(), PredictError> {
         let describe =
-            |shape: WindowShape| format!("{} + {} frames at {} Hz", shape.observed, shape.predicted, shape.rate_hz);
+            |shape: WindowShape| format!("{} + {} frames at {} Hz", shape.t_obs, shape.t_pred, shape.rate_hz);
         let needs = self.header.shape;
         match observations.iter().map(Observation::shape).find(|shape| !needs.fits(shape)) {
             Some(found) => Err(PredictError::Shape {
@@ -172,18 +174,18 @@ impl Learned {
 }
 
 /// The networks' view of windows of `shape`.
-pub(crate) fn inputs(shape: WindowShape, unit_m: f64) -> Result<Inputs, LearnedError> {
-    Ok(Inputs { clock: Clock::new(shape)?, unit_m: unit_m as f32 })
+pub(crate) fn inputs(shape: WindowShape, unit_m: f64) -> Result<Inputs, NeuralBaselineError> {
+    Ok(Inputs { clock: TimeGrid::new(shape)?, unit_m: unit_m as f32 })
 }
 
-impl Predictor for Learned {
+impl Predictor for TrainedBaseline {
     fn name(&self) -> &str {
         self.kind.name()
     }
 
     fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        if self.kind.is_informed() {
-            return Err(self.fail(LearnedError::Uninformed { kind: self.kind.name() }));
+        if self.kind.uses_future() {
+            return Err(self.fail(NeuralBaselineError::NeedsFuture { kind: self.kind.name() }));
         }
         self.predict_with(observations, None, k)
     }
@@ -191,14 +193,14 @@ impl Predictor for Learned {
 
 /// A baseline that is handed the recorded future of a neighbour: everything made with it is marked.
 #[derive(Clone, Copy, Debug)]
-pub struct Informed<'a>(&'a Learned);
+pub struct WithFuture<'a>(&'a TrainedBaseline);
 
-impl InformedPredictor for Informed<'_> {
+impl OraclePredictor for WithFuture<'_> {
     fn name(&self) -> &str {
         self.0.kind.name()
     }
 
-    fn predict_informed(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
         let observations: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
         let truths: Vec<Truth<'_>> = windows.iter().map(Window::truth).collect();
         self.0.predict_with(&observations, Some(&truths), k)

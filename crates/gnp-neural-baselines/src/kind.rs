@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// A learned baseline. What it is called in tables says what it knew.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum LearnedKind {
+pub enum NeuralBaseline {
     /// LSTMs with fully connected social pooling.
     SLstm,
     /// LSTMs with convolutional social pooling.
@@ -16,7 +16,7 @@ pub enum LearnedKind {
     PipInformed,
     /// PiP trained and used without any plan.
     PipNoPlan,
-    /// The network of [`LearnedKind::PipInformed`] with a plan of constant velocity.
+    /// The network of [`NeuralBaseline::PipInformed`] with a plan of constant velocity.
     PipSurrogate,
     /// Spatio-temporal dynamic attention.
     Stdan,
@@ -24,7 +24,7 @@ pub enum LearnedKind {
     StdanMasked,
 }
 
-impl LearnedKind {
+impl NeuralBaseline {
     /// All of them, in the order of a table.
     pub const ALL: [Self; 8] = [
         Self::SLstm,
@@ -74,7 +74,7 @@ impl LearnedKind {
 
     /// Whether it is handed recorded futures: every number made with it must be marked.
     #[must_use]
-    pub fn is_informed(self) -> bool {
+    pub fn uses_future(self) -> bool {
         self == Self::PipInformed
     }
 }

@@ -34,7 +34,7 @@ pub enum LaneSource {
 
 /// The report on one recording: what was read, what was dropped and why, what looks wrong.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Quality {
+pub struct IngestReport {
     /// Name of the recording.
     pub recording: String,
     /// Site of the recording.
@@ -85,7 +85,7 @@ pub struct Quality {
     pub notes: Vec<String>,
 }
 
-impl Quality {
+impl IngestReport {
     /// Everything that can be counted on a finished recording; what only the reader knows is zero.
     #[must_use]
     pub fn of(recording: &Recording) -> Self {

@@ -6,15 +6,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use candle_core::{D, Tensor, Var};
 use gnp_data::{Truth, Window, WindowId, WindowSet};
 use gnp_nn::Weights;
-use gnp_train::{EpochReport, Observer, Plan, Stage, Sums, TrainError, mix};
+use gnp_train::{BatchTotals, EpochReport, Observer, Plan, Stage, TrainError, derive_seed};
 
+use crate::augmented_view::{AugmentedView, Side};
 use crate::gauss::mixture_nll;
-use crate::kind::LearnedKind;
+use crate::kind::NeuralBaseline;
 use crate::manoeuvre::{LATERAL, Manoeuvre};
 use crate::net::Net;
 use crate::network::{Ask, Classes, Output, one_hot};
 use crate::recipe::{ClassLoss, Recipe};
-use crate::seen::{Seen, Side};
 
 /// Trains a network by its [`Recipe`].
 ///
@@ -22,7 +22,7 @@ use crate::seen::{Seen, Side};
 /// `nll`, of a density in 1/m² over all futures.
 #[derive(Debug)]
 pub(crate) struct RecipeStage<'a> {
-    pub(crate) kind: LearnedKind,
+    pub(crate) kind: NeuralBaseline,
     pub(crate) net: &'a Net,
     pub(crate) weights: &'a Weights,
     pub(crate) recipe: &'a Recipe,
@@ -64,14 +64,15 @@ impl<'a> RecipeStage<'a> {
     }
 
     /// The windows at the indices `batch` of `ids`, as the network is to see them.
-    fn seen(&self, windows: &[Window<'a>], sides: &[Side]) -> Vec<Seen<'a>> {
-        let seen = |(window, side): (&Window<'a>, &Side)| Seen { observation: window.observation(), side: *side };
+    fn seen(&self, windows: &[Window<'a>], sides: &[Side]) -> Vec<AugmentedView<'a>> {
+        let seen =
+            |(window, side): (&Window<'a>, &Side)| AugmentedView { observation: window.observation(), side: *side };
         windows.iter().zip(sides).map(seen).collect()
     }
 
     fn forward(&self, windows: &[Window<'_>], sides: &[Side], ask: Ask<'_>) -> candle_core::Result<Output> {
         let truths: Option<Vec<Truth<'_>>> =
-            self.kind.is_informed().then(|| windows.iter().map(Window::truth).collect());
+            self.kind.uses_future().then(|| windows.iter().map(Window::truth).collect());
         self.net.forward(&self.seen(windows, sides), truths.as_deref(), ask)
     }
 
@@ -153,7 +154,8 @@ impl Stage for RecipeStage<'_> {
 
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
         let windows = self.windows(self.train, batch)?;
-        let sides: Vec<Side> = (0..batch.len()).map(|i| drawn(self.recipe.mirror, mix(step_seed, i as u64))).collect();
+        let sides: Vec<Side> =
+            (0..batch.len()).map(|i| drawn(self.recipe.mirror, derive_seed(step_seed, i as u64))).collect();
         let clock = self.net.inputs.clock;
         let manoeuvre = |(window, side): (&Window<'_>, &Side)| {
             let recorded = Manoeuvre::of(window, clock);
@@ -177,7 +179,7 @@ impl Stage for RecipeStage<'_> {
         Ok(loss)
     }
 
-    fn validate(&self, batch: &[usize]) -> Result<Sums, TrainError> {
+    fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
         let windows = self.windows(self.validation, batch)?;
         let sides = vec![Side::Recorded; windows.len()];
         let output = self.forward(&windows, &sides, Ask::Predict)?;
@@ -194,7 +196,7 @@ impl Stage for RecipeStage<'_> {
             fde += squares.last().map_or(0., |square| f64::from(*square).sqrt()) * unit;
         }
         let nll = nll.iter().map(|value| f64::from(*value) + 2. * unit.ln()).sum();
-        Ok(Sums::new(batch.len(), [("mse", mse), ("fde", fde), ("nll", nll)]))
+        Ok(BatchTotals::new(batch.len(), [("mse", mse), ("fde", fde), ("nll", nll)]))
     }
 }
 

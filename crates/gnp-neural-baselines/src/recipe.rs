@@ -3,7 +3,7 @@
 use gnp_train::{Schedule, TrainConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::error::LearnedError;
+use crate::error::NeuralBaselineError;
 
 /// How the manoeuvre probabilities are held against the labels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -57,11 +57,12 @@ impl Recipe {
     /// Whether every value can be used.
     ///
     /// # Errors
-    /// [`LearnedError::Recipe`] with the first key that cannot, and what to write instead;
-    /// [`LearnedError::Train`] for keys that the training loop checks.
-    pub fn check(&self) -> Result<(), LearnedError> {
+    /// [`NeuralBaselineError::Recipe`] with the first key that cannot, and what to write instead;
+    /// [`NeuralBaselineError::Train`] for keys that the training loop checks.
+    pub fn check(&self) -> Result<(), NeuralBaselineError> {
         let positive = |value: f64| value.is_finite() && value > 0.;
-        let refuse = |key, value: f64, remedy| Err(LearnedError::Recipe { key, value: value.to_string(), remedy });
+        let refuse =
+            |key, value: f64, remedy| Err(NeuralBaselineError::Recipe { key, value: value.to_string(), remedy });
         if self.epochs() == 0 {
             return refuse("likelihood_epochs", 0., "train for 1 epoch or more in all");
         }
@@ -74,7 +75,7 @@ impl Recipe {
         if !(0. ..=1.).contains(&self.mirror) {
             return refuse("mirror", self.mirror, "give a share between 0 (as published) and 1");
         }
-        self.training().check().map_err(|error| LearnedError::Train(Box::new(error)))
+        self.training().check().map_err(|error| NeuralBaselineError::Train(Box::new(error)))
     }
 
     /// Epochs in all.
@@ -94,7 +95,7 @@ impl Recipe {
             epochs: self.epochs(),
             batch: self.batch,
             epoch_windows: self.epoch_windows,
-            site_balance: 0.,
+            site_sampling_exponent: 0.,
             learning_rate: self.learning_rate,
             schedule,
             weight_decay: self.weight_decay,

@@ -1,9 +1,9 @@
 //! Manoeuvre classes of a window: labels for training, never an input of a prediction.
 
-use gnp_data::{LaneLine, State, Window};
+use gnp_data::{LaneMarking, TrackState, Window};
 
-use crate::clock::Clock;
 use crate::grid::lanes_to_left;
+use crate::time_grid::TimeGrid;
 
 /// Lateral classes: keep, left, right.
 pub(crate) const LATERAL: usize = 3;
@@ -24,18 +24,18 @@ impl Manoeuvre {
     /// reaches, 4 s earlier; right is tested first. Longitudinal: the mean speed of the future against that of the
     /// past, below 0.8 of it or above 1.25 (Deo and Trivedi 2018; the third class Chen et al. 2022).
     #[must_use]
-    pub(crate) fn of(window: &Window<'_>, clock: Clock) -> Self {
+    pub(crate) fn of(window: &Window<'_>, clock: TimeGrid) -> Self {
         let (observation, truth) = (window.observation(), window.truth());
         let shape = observation.shape();
-        let lines: Vec<LaneLine> = observation.lines().collect();
-        let lane = |state: State| lanes_to_left(&lines, state.y);
+        let lines: Vec<LaneMarking> = observation.lines().collect();
+        let lane = |state: TrackState| lanes_to_left(&lines, state.y);
         let back = (4. * shape.rate_hz).round() as usize;
-        let before = lane(observation.target((shape.observed - 1).saturating_sub(back)));
-        let after = lane(truth.target(back.min(shape.predicted).saturating_sub(1)));
+        let before = lane(observation.target((shape.t_obs - 1).saturating_sub(back)));
+        let after = lane(truth.target(back.min(shape.t_pred).saturating_sub(1)));
         let first = observation.target(clock.observed_frame(0));
-        let past = -first.x / ((clock.past() - 1) as f32 / crate::clock::RATE_HZ as f32);
-        let last = truth.target(shape.predicted - 1);
-        let future = last.x / (clock.future() as f32 / crate::clock::RATE_HZ as f32);
+        let past = -first.x / ((clock.past() - 1) as f32 / crate::time_grid::RATE_HZ as f32);
+        let last = truth.target(shape.t_pred - 1);
+        let future = last.x / (clock.future() as f32 / crate::time_grid::RATE_HZ as f32);
         Self { lateral: lateral(before, after), longitudinal: longitudinal(past, future) }
     }
 

@@ -1,8 +1,8 @@
 //! A road with three lanes and traffic that meanders, in numbers that all differ.
 
 use gnp_data::{
-    Columns, Dataset, LaneLine, LineKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowConfig,
-    WindowShape,
+    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass,
+    WindowConfig, WindowShape,
 };
 
 const FRAMES: usize = 70;
@@ -51,8 +51,8 @@ pub(super) fn recording(id: impl Fn(usize) -> u32, moved: impl Fn(usize, usize) 
             rows: first..columns.x.len(),
         });
     }
-    let line = |kind, y| LaneLine { kind, y };
-    let (edge, centre) = (LineKind::Boundary, LineKind::Centre);
+    let line = |kind, y| LaneMarking { kind, y };
+    let (edge, centre) = (MarkingKind::Boundary, MarkingKind::LaneDivider);
     let lines = vec![line(edge, 0.), line(centre, 3.6), line(centre, 7.2), line(edge, 10.8)];
     let roads = vec![Road { driving_direction: 2, lines, fitted: false }];
     let meta = RecordingMeta {
@@ -85,7 +85,7 @@ pub(super) fn mirrored() -> Recording {
 
 /// Their shape.
 pub(super) fn shape() -> WindowShape {
-    WindowShape { observed: 13, predicted: 10, step: 1, rate_hz: 10. }
+    WindowShape { t_obs: 13, t_pred: 10, step: 1, rate_hz: 10. }
 }
 
 /// Windows of 7 past and 5 future points at 5 Hz.

@@ -5,13 +5,13 @@ use candle_nn::VarBuilder;
 use gnp_data::Truth;
 use tracing::debug;
 
+use crate::augmented_view::AugmentedView;
 use crate::cslstm::CsLstm;
 use crate::inputs::{Inputs, Past};
-use crate::kind::LearnedKind;
+use crate::kind::NeuralBaseline;
 use crate::network::{Ask, Network, Output};
 use crate::pip::{Pip, Plan, Scenes};
 use crate::recipe::Recipe;
-use crate::seen::Seen;
 use crate::slstm::SLstm;
 use crate::stdan::{Stdan, StdanSizes};
 
@@ -33,24 +33,24 @@ enum Body {
 
 impl Net {
     /// The network of `kind` on the weights behind `vb`.
-    pub(crate) fn new(kind: LearnedKind, recipe: &Recipe, inputs: Inputs, vb: &VarBuilder) -> Result<Self> {
+    pub(crate) fn new(kind: NeuralBaseline, recipe: &Recipe, inputs: Inputs, vb: &VarBuilder) -> Result<Self> {
         let points = inputs.clock.future();
         let body = match kind {
-            LearnedKind::SLstm => Body::Lanes(Box::new(SLstm::new(points, vb)?), false),
-            LearnedKind::CsLstm => Body::Lanes(Box::new(CsLstm::new(points, false, vb)?), false),
-            LearnedKind::CsLstmM => Body::Lanes(Box::new(CsLstm::new(points, true, vb)?), false),
-            LearnedKind::PipInformed | LearnedKind::PipSurrogate | LearnedKind::PipNoPlan => {
+            NeuralBaseline::SLstm => Body::Lanes(Box::new(SLstm::new(points, vb)?), false),
+            NeuralBaseline::CsLstm => Body::Lanes(Box::new(CsLstm::new(points, false, vb)?), false),
+            NeuralBaseline::CsLstmM => Body::Lanes(Box::new(CsLstm::new(points, true, vb)?), false),
+            NeuralBaseline::PipInformed | NeuralBaseline::PipSurrogate | NeuralBaseline::PipNoPlan => {
                 let plan = match kind {
-                    LearnedKind::PipInformed => Plan::Recorded,
-                    LearnedKind::PipSurrogate => Plan::Constant,
+                    NeuralBaseline::PipInformed => Plan::Recorded,
+                    NeuralBaseline::PipSurrogate => Plan::Constant,
                     _ => Plan::None,
                 };
                 let pip = Pip::new(points, plan != Plan::None, recipe.fused_targets > 0, vb)?;
                 Body::Places(Box::new(pip), plan, recipe.fused_targets)
             }
-            LearnedKind::Stdan | LearnedKind::StdanMasked => {
+            NeuralBaseline::Stdan | NeuralBaseline::StdanMasked => {
                 let sizes = StdanSizes::published(inputs.clock.past(), points);
-                let masked = kind == LearnedKind::StdanMasked;
+                let masked = kind == NeuralBaseline::StdanMasked;
                 Body::Lanes(Box::new(Stdan::new(sizes, masked, vb)?), true)
             }
         };
@@ -58,7 +58,12 @@ impl Net {
     }
 
     /// The futures of `windows`; `truths` for the kind that is handed them, and for no other.
-    pub(crate) fn forward(&self, windows: &[Seen<'_>], truths: Option<&[Truth<'_>]>, ask: Ask<'_>) -> Result<Output> {
+    pub(crate) fn forward(
+        &self,
+        windows: &[AugmentedView<'_>],
+        truths: Option<&[Truth<'_>]>,
+        ask: Ask<'_>,
+    ) -> Result<Output> {
         match &self.body {
             Body::Lanes(network, features) => {
                 let past = self.inputs.past(windows, *features, &self.device)?;

@@ -7,7 +7,7 @@ use gnp_train::TrainError;
 /// What keeps a learned baseline from being used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum LearnedError {
+pub enum NeuralBaselineError {
     /// A key of the recipe has a value that cannot be used.
     #[error("{key} = {value}: {remedy}")]
     Recipe {
@@ -42,7 +42,7 @@ pub enum LearnedError {
     },
     /// A network was asked for a future that depends on one it was not given.
     #[error("{kind} needs the recorded future of a neighbour; ask its informed form, and mark what it gives")]
-    Uninformed {
+    NeedsFuture {
         /// Name of the baseline.
         kind: &'static str,
     },
@@ -60,7 +60,7 @@ pub enum LearnedError {
     Tensor(#[from] candle_core::Error),
 }
 
-impl LearnedError {
+impl NeuralBaselineError {
     pub(crate) fn checkpoint(path: &Path, problem: impl Into<String>) -> Self {
         Self::Checkpoint { path: path.to_owned(), problem: problem.into() }
     }

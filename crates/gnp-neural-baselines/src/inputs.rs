@@ -1,18 +1,18 @@
 //! What the networks read of windows, as tensors in the published axes and unit.
 
 use candle_core::{Device, Result, Tensor};
-use gnp_data::{Neighbour, State, Truth, VehicleClass};
+use gnp_data::{Neighbour, TrackState, Truth, VehicleClass};
 
-use crate::clock::{Clock, RATE_HZ};
+use crate::augmented_view::{AugmentedView, Side};
 use crate::grid::{LANE_CELLS, by_lane};
-use crate::seen::{Seen, Side};
+use crate::time_grid::{RATE_HZ, TimeGrid};
 
 /// Brings windows to the published networks' form: points at 5 Hz, first axis to the right, second
 /// forward, lengths in `unit_m` (a foot as published).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Inputs {
     /// Which frames are points.
-    pub(crate) clock: Clock,
+    pub(crate) clock: TimeGrid,
     /// Length of the networks' unit, m.
     pub(crate) unit_m: f32,
 }
@@ -48,7 +48,7 @@ impl Past {
 impl Inputs {
     /// A point or displacement of the window's frame (m, forward and to the left) in the networks'.
     #[must_use]
-    pub(crate) fn point(&self, state: State) -> [f32; 2] {
+    pub(crate) fn point(&self, state: TrackState) -> [f32; 2] {
         [-state.y / self.unit_m, state.x / self.unit_m]
     }
 
@@ -59,7 +59,7 @@ impl Inputs {
     }
 
     /// The target's path, oldest point first.
-    pub(crate) fn target(&self, seen: &Seen<'_>) -> Vec<[f32; 2]> {
+    pub(crate) fn target(&self, seen: &AugmentedView<'_>) -> Vec<[f32; 2]> {
         self.frames().map(|frame| self.point(seen.side.turn(seen.observation.target(frame)))).collect()
     }
 
@@ -77,7 +77,7 @@ impl Inputs {
     ///
     /// # Errors
     /// When the tensors cannot be made.
-    pub(crate) fn past(&self, windows: &[Seen<'_>], features: bool, device: &Device) -> Result<Past> {
+    pub(crate) fn past(&self, windows: &[AugmentedView<'_>], features: bool, device: &Device) -> Result<Past> {
         let (mut targets, mut neighbours, mut cells) = (Vec::new(), Vec::new(), Vec::new());
         let (mut target_classes, mut neighbour_classes) = (Vec::new(), Vec::new());
         let mut collisions = 0;
@@ -164,9 +164,9 @@ mod tests {
 
     #[test]
     fn points_turn_and_turn_back() {
-        let shape = gnp_data::WindowShape { observed: 31, predicted: 50, step: 1, rate_hz: 10. };
-        let inputs = Inputs { clock: Clock::new(shape).unwrap(), unit_m: 0.5 };
-        let state = State { x: 3., y: 1., ..State::default() };
+        let shape = gnp_data::WindowShape { t_obs: 31, t_pred: 50, step: 1, rate_hz: 10. };
+        let inputs = Inputs { clock: TimeGrid::new(shape).unwrap(), unit_m: 0.5 };
+        let state = TrackState { x: 3., y: 1., ..TrackState::default() };
         assert_eq!(inputs.point(state), [-2., 6.]);
         assert_eq!(inputs.metres([-2., 6.]), [3., 1.]);
     }

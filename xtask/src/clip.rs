@@ -19,7 +19,7 @@ const APART_S: f64 = 1.;
 const EVERY_S: f64 = 0.5;
 
 /// One carriageway of a recording over some time, with forecasts.
-pub(crate) struct Stretch<'a> {
+pub(crate) struct Clip<'a> {
     /// The recording.
     pub(crate) recording: &'a Recording,
     /// Index of the carriageway.
@@ -40,7 +40,7 @@ pub(crate) struct Stretch<'a> {
     pub(crate) forecasts: Vec<Made<'a>>,
 }
 
-/// A vehicle of a stretch.
+/// A vehicle of a clip.
 pub(crate) struct Shown<'a> {
     /// Its track.
     pub(crate) track: &'a Track,
@@ -50,7 +50,7 @@ pub(crate) struct Shown<'a> {
     pub(crate) rows: Vec<(usize, usize)>,
 }
 
-/// A forecast of a vehicle of a stretch.
+/// A forecast of a vehicle of a clip.
 pub(crate) struct Made<'a> {
     /// Index of the vehicle.
     pub(crate) vehicle: usize,
@@ -64,8 +64,8 @@ pub(crate) struct Made<'a> {
     pub(crate) forecast: Forecast,
 }
 
-impl<'a> Stretch<'a> {
-    /// The stretch of a run; `None` without test windows or without lanes.
+impl<'a> Clip<'a> {
+    /// The clip of a run; `None` without test windows or without lanes.
     ///
     /// # Errors
     /// When the recordings or the model cannot be used, or the user interrupts.

@@ -7,12 +7,12 @@ use std::sync::atomic::{AtomicBool, AtomicUsize};
 use candle_core::{Device, Tensor};
 use gnp_data::{WindowId, WindowSet};
 use gnp_nn::Weights;
-use gnp_train::{End, Kind, Observer, Progress, Sink, State, Trainer};
+use gnp_train::{End, Kind, Observer, Progress, Sink, TrackState, Trainer};
 
 use crate::checkpoint::{Checkpoint, Header};
-use crate::error::LearnedError;
-use crate::kind::LearnedKind;
-use crate::learned::{Learned, inputs};
+use crate::error::NeuralBaselineError;
+use crate::kind::NeuralBaseline;
+use crate::learned::{TrainedBaseline, inputs};
 use crate::net::Net;
 use crate::recipe::Recipe;
 use crate::stage::{Epochs, RecipeStage, is_statistic};
@@ -30,10 +30,10 @@ pub struct Training<'a> {
     pub split_hash: &'a str,
 }
 
-impl Learned {
+impl TrainedBaseline {
     /// The file of a baseline in a run folder, once it is trained.
     #[must_use]
-    pub fn path(folder: &Path, kind: LearnedKind) -> PathBuf {
+    pub fn path(folder: &Path, kind: NeuralBaseline) -> PathBuf {
         folder.join(format!("{}.safetensors", kind.stem()))
     }
 
@@ -41,21 +41,21 @@ impl Learned {
     /// training stopped, and only reads the result of one that ended.
     ///
     /// The epoch is chosen by the mean squared error of the likeliest future on the validation part,
-    /// among those of the likelihood phase where there is one. [`LearnedKind::PipSurrogate`] is
-    /// trained as [`LearnedKind::PipInformed`] and shares its file.
+    /// among those of the likelihood phase where there is one. [`NeuralBaseline::PipSurrogate`] is
+    /// trained as [`NeuralBaseline::PipInformed`] and shares its file.
     ///
     /// # Errors
     /// When the recipe or the windows do not suit the network, the folder holds another training under
-    /// the same name, training diverges, or `stop` was raised ([`LearnedError::Interrupted`]).
+    /// the same name, training diverges, or `stop` was raised ([`NeuralBaselineError::Interrupted`]).
     pub fn train(
-        kind: LearnedKind,
+        kind: NeuralBaseline,
         recipe: &Recipe,
         data: &Training<'_>,
         folder: &Path,
         device: &Device,
         observer: impl Observer,
         stop: &AtomicBool,
-    ) -> Result<Self, LearnedError> {
+    ) -> Result<Self, NeuralBaselineError> {
         recipe.check()?;
         let trained = kind.trained_as();
         let weights = Weights::seeded(recipe.seed, device);
@@ -73,12 +73,12 @@ impl Learned {
             Some(state) => trainer.resume(&stage, state),
             None => trainer.fit(&stage),
         };
-        let outcome = outcome.map_err(|error| LearnedError::Train(Box::new(error)))?;
+        let outcome = outcome.map_err(|error| NeuralBaselineError::Train(Box::new(error)))?;
         if outcome.end == End::Interrupted {
-            return Err(LearnedError::Interrupted { kind: kind.name(), epoch: outcome.progress.epoch });
+            return Err(NeuralBaselineError::Interrupted { kind: kind.name(), epoch: outcome.progress.epoch });
         }
         let learned = Self::load(&Self::path(folder, kind), device)?;
-        if kind == LearnedKind::PipSurrogate { learned.with_surrogate_plan() } else { Ok(learned) }
+        if kind == NeuralBaseline::PipSurrogate { learned.with_surrogate_plan() } else { Ok(learned) }
     }
 }
 
@@ -94,13 +94,14 @@ struct Files<'a> {
 impl<'a> Files<'a> {
     fn new(
         folder: &Path,
-        kind: LearnedKind,
+        kind: NeuralBaseline,
         recipe: &Recipe,
         data: &Training<'_>,
         weights: &'a Weights,
-    ) -> Result<Self, LearnedError> {
+    ) -> Result<Self, NeuralBaselineError> {
         let recordings = data.set.recordings();
-        let first = recordings.first().ok_or_else(|| LearnedError::Windows { problem: "there are none".to_owned() })?;
+        let first =
+            recordings.first().ok_or_else(|| NeuralBaselineError::Windows { problem: "there are none".to_owned() })?;
         let header = Header {
             kind,
             dataset: first.meta().dataset,
@@ -114,11 +115,11 @@ impl<'a> Files<'a> {
             trainer: None,
         };
         let last = folder.join(format!("{}.last.safetensors", kind.stem()));
-        Ok(Self { best: Learned::path(folder, kind), last, header, weights })
+        Ok(Self { best: TrainedBaseline::path(folder, kind), last, header, weights })
     }
 
     /// Where an earlier run stopped. Statistics that no gradient trains are put into the network.
-    fn resume(&self) -> Result<Option<State>, LearnedError> {
+    fn resume(&self) -> Result<Option<TrackState>, NeuralBaselineError> {
         if !self.last.exists() {
             return Ok(None);
         }
@@ -130,7 +131,7 @@ impl<'a> Files<'a> {
             ("window shape", now.shape.fits(&then.shape)),
             ("recipe", now.recipe == then.recipe),
         ];
-        let fail = |problem: String| LearnedError::checkpoint(&self.last, problem);
+        let fail = |problem: String| NeuralBaselineError::checkpoint(&self.last, problem);
         if let Some((what, _)) = pairs.iter().find(|(_, same)| !same) {
             return Err(fail(format!("was trained with another {what}; take another folder or remove this file")));
         }
@@ -139,7 +140,7 @@ impl<'a> Files<'a> {
             serde_json::from_str(text).map_err(|e| fail(format!("does not say where training stood ({e})")))?;
         let statistics = checkpoint.tensors.iter().filter(|(name, _)| is_statistic(name));
         self.weights.set(statistics.map(|(name, tensor)| (name.as_str(), tensor)))?;
-        Ok(Some(State::from_tensors(&checkpoint.tensors, progress)))
+        Ok(Some(TrackState::from_tensors(&checkpoint.tensors, progress)))
     }
 
     fn header_at(&self, progress: &Progress, trainer: Option<String>) -> Header {
@@ -166,7 +167,7 @@ fn is_best(progress: &Progress, recipe: &Recipe) -> bool {
 }
 
 impl Sink for Files<'_> {
-    fn save(&mut self, kind: Kind, state: &State) -> Result<(), Box<dyn Error + Send + Sync>> {
+    fn save(&mut self, kind: Kind, state: &TrackState) -> Result<(), Box<dyn Error + Send + Sync>> {
         // Which epoch is best depends on its phase, so that it is decided here and not by the loop.
         if kind == Kind::Best {
             return Ok(());

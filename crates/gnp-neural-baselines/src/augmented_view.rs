@@ -1,13 +1,13 @@
 //! An observation as a network is to see it: as recorded, or in a mirror along the road.
 
-use gnp_data::{Observation, State};
+use gnp_data::{Observation, TrackState};
 
 use crate::grid::{LANE_CELLS, LANE_COLUMNS, LANE_ROWS, PLACE_COLUMNS};
 
 /// An observation, with left and right exchanged or not. Mirroring is an augmentation for training,
 /// never used for prediction.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Seen<'a> {
+pub(crate) struct AugmentedView<'a> {
     pub(crate) observation: Observation<'a>,
     pub(crate) side: Side,
 }
@@ -21,7 +21,7 @@ pub(crate) enum Side {
     Mirrored,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> AugmentedView<'a> {
     /// As recorded.
     pub(crate) fn recorded(observation: &Observation<'a>) -> Self {
         Self { observation: *observation, side: Side::Recorded }
@@ -30,10 +30,10 @@ impl<'a> Seen<'a> {
 
 impl Side {
     /// A position or displacement of the window's frame.
-    pub(crate) fn turn(self, state: State) -> State {
+    pub(crate) fn turn(self, state: TrackState) -> TrackState {
         match self {
             Self::Recorded => state,
-            Self::Mirrored => State { y: -state.y, vy: -state.vy, ..state },
+            Self::Mirrored => TrackState { y: -state.y, vy: -state.vy, ..state },
         }
     }
 

@@ -9,20 +9,20 @@ use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::{Deserialize, Serialize};
 
-use crate::error::LearnedError;
-use crate::kind::LearnedKind;
+use crate::error::NeuralBaselineError;
+use crate::kind::NeuralBaseline;
 use crate::recipe::Recipe;
 
 /// Version of the header's layout.
 const FORMAT: u32 = 1;
 /// Key of the header in the safetensors metadata.
-const KEY: &str = "gnp-learned";
+const KEY: &str = "gnp-neural-baselines";
 
 /// What the weights are, and what they were trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// The baseline.
-    pub kind: LearnedKind,
+    pub kind: NeuralBaseline,
     /// Data family trained on.
     pub dataset: Dataset,
     /// Whether any training recording was simulated.
@@ -58,8 +58,8 @@ pub(crate) struct Checkpoint {
 
 impl Checkpoint {
     /// Writes the file under a temporary name beside `path`, then renames it.
-    pub(crate) fn save(&self, path: &Path) -> Result<(), LearnedError> {
-        let fail = |problem: String| LearnedError::checkpoint(path, problem);
+    pub(crate) fn save(&self, path: &Path) -> Result<(), NeuralBaselineError> {
+        let fail = |problem: String| NeuralBaselineError::checkpoint(path, problem);
         let envelope = Envelope { format: FORMAT, header: self.header.clone() };
         let text = serde_json::to_string(&envelope).map_err(|e| fail(e.to_string()))?;
         let mut bytes = Vec::with_capacity(self.tensors.len());
@@ -79,8 +79,8 @@ impl Checkpoint {
     }
 
     /// Reads a file written by [`Checkpoint::save`].
-    pub(crate) fn load(path: &Path) -> Result<Self, LearnedError> {
-        let fail = |problem: String| LearnedError::checkpoint(path, problem);
+    pub(crate) fn load(path: &Path) -> Result<Self, NeuralBaselineError> {
+        let fail = |problem: String| NeuralBaselineError::checkpoint(path, problem);
         let bytes = std::fs::read(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
         let damaged = |e: &dyn std::fmt::Display| {
             fail(format!("is not a whole safetensors file ({e}): copy it again or train again"))

@@ -1,25 +1,25 @@
-//! An observation as the networks see it: as recorded, or mirrored and stretched along the road.
+//! An observation as the networks see it: as recorded, or mirrored and scaled_along_road along the road.
 
-use gnp_data::{LaneLine, Neighbour, Observation, SLOTS, Slot, State, Truth, WindowShape};
+use gnp_data::{LaneMarking, Neighbour, Observation, SLOTS, Slot, TrackState, Truth, WindowShape};
 
 /// An observation, possibly mirrored left-right together with lanes, neighbours and slots, and
-/// possibly stretched along the road: augmentations for training, never used for prediction.
+/// possibly scaled_along_road along the road: augmentations for training, never used for prediction.
 ///
-/// Traffic is not symmetric (slow lanes are on the right), but lane changes are physics. A stretch
+/// Traffic is not symmetric (slow lanes are on the right), but lane changes are physics. A longitudinal_scale
 /// multiplies every length and speed along the road, so that headways in seconds stay: the same
 /// drivers in faster or slower traffic.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct AugmentedView<'a> {
     observation: Observation<'a>,
     mirrored: bool,
-    stretch: f32,
+    longitudinal_scale: f32,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> AugmentedView<'a> {
     /// The observation as recorded.
     #[must_use]
     pub fn recorded(observation: Observation<'a>) -> Self {
-        Self { observation, mirrored: false, stretch: 1. }
+        Self { observation, mirrored: false, longitudinal_scale: 1. }
     }
 
     /// The observation with left and right exchanged.
@@ -31,8 +31,8 @@ impl<'a> Seen<'a> {
     /// The same with everything along the road, futures too, multiplied by `factor` once more. Sizes
     /// of vehicles and everything across the road stay.
     #[must_use]
-    pub fn stretched(self, factor: f32) -> Self {
-        Self { stretch: self.stretch * factor, ..self }
+    pub fn scaled_along_road(self, factor: f32) -> Self {
+        Self { longitudinal_scale: self.longitudinal_scale * factor, ..self }
     }
 
     /// The recorded observation behind it.
@@ -47,18 +47,19 @@ impl<'a> Seen<'a> {
         self.mirrored
     }
 
-    fn turned(&self, state: State) -> State {
-        let state = State { x: state.x * self.stretch, vx: state.vx * self.stretch, ..state };
-        if self.mirrored { State { y: -state.y, vy: -state.vy, ..state } } else { state }
+    fn turned(&self, state: TrackState) -> TrackState {
+        let state =
+            TrackState { x: state.x * self.longitudinal_scale, vx: state.vx * self.longitudinal_scale, ..state };
+        if self.mirrored { TrackState { y: -state.y, vy: -state.vy, ..state } } else { state }
     }
 
     fn recorded_slot(&self, slot: usize) -> usize {
         if self.mirrored { Slot::ALL[slot].mirrored() as usize } else { slot }
     }
 
-    /// State of the target in observed frame `i`.
+    /// TrackState of the target in observed frame `i`.
     #[must_use]
-    pub fn target(&self, i: usize) -> State {
+    pub fn target(&self, i: usize) -> TrackState {
         self.turned(self.observation.target(i))
     }
 
@@ -68,7 +69,7 @@ impl<'a> Seen<'a> {
     pub fn velocity(&self, window_s: f64) -> [f32; 2] {
         let shape = self.observation.shape();
         slope(shape, window_s, |i| Some(self.target(i))).unwrap_or_else(|| {
-            let now = self.target(shape.observed - 1);
+            let now = self.target(shape.t_obs - 1);
             [now.vx, now.vy]
         })
     }
@@ -76,21 +77,21 @@ impl<'a> Seen<'a> {
     /// States of the neighbour in `slot` by observed frame; `None` where it is absent. The outer
     /// `None` says that nobody is in the slot at the last observed frame.
     #[must_use]
-    pub fn neighbour(&self, slot: usize) -> Option<SeenNeighbour<'a>> {
+    pub fn neighbour(&self, slot: usize) -> Option<AugmentedNeighbour<'a>> {
         let neighbour = self.observation.neighbour(self.recorded_slot(slot))?;
-        Some(SeenNeighbour { seen: *self, neighbour })
+        Some(AugmentedNeighbour { seen: *self, neighbour })
     }
 
     /// Neighbours by slot.
     #[must_use]
-    pub fn neighbours(&self) -> [Option<SeenNeighbour<'a>>; SLOTS] {
+    pub fn neighbours(&self) -> [Option<AugmentedNeighbour<'a>>; SLOTS] {
         std::array::from_fn(|slot| self.neighbour(slot))
     }
 
     /// Lane lines from right to left.
     #[must_use]
-    pub fn lines(&self) -> Vec<LaneLine> {
-        let mut lines: Vec<LaneLine> = self.observation.lines().collect();
+    pub fn lines(&self) -> Vec<LaneMarking> {
+        let mut lines: Vec<LaneMarking> = self.observation.lines().collect();
         if self.mirrored {
             lines.reverse();
             lines.iter_mut().for_each(|line| line.y = -line.y);
@@ -100,38 +101,38 @@ impl<'a> Seen<'a> {
 
     /// True state of the target in predicted frame `j`.
     #[must_use]
-    pub fn true_target(&self, truth: &Truth<'_>, j: usize) -> State {
+    pub fn true_target(&self, truth: &Truth<'_>, j: usize) -> TrackState {
         self.turned(truth.target(j))
     }
 
     /// Recorded state of the neighbour in `slot` in predicted frame `j`.
     #[must_use]
-    pub fn true_neighbour(&self, truth: &Truth<'_>, slot: usize, j: usize) -> Option<State> {
+    pub fn true_neighbour(&self, truth: &Truth<'_>, slot: usize, j: usize) -> Option<TrackState> {
         truth.neighbour(self.recorded_slot(slot), j).map(|state| self.turned(state))
     }
 }
 
-/// A neighbour of a [`Seen`] observation, in its target's window frame.
+/// A neighbour of a [`AugmentedView`] observation, in its target's window frame.
 #[derive(Clone, Copy, Debug)]
-pub struct SeenNeighbour<'a> {
-    seen: Seen<'a>,
+pub struct AugmentedNeighbour<'a> {
+    seen: AugmentedView<'a>,
     neighbour: Neighbour<'a>,
 }
 
-impl SeenNeighbour<'_> {
-    /// State in observed frame `i`; `None` where it is absent.
+impl AugmentedNeighbour<'_> {
+    /// TrackState in observed frame `i`; `None` where it is absent.
     #[must_use]
-    pub fn state(&self, i: usize) -> Option<State> {
+    pub fn state(&self, i: usize) -> Option<TrackState> {
         self.neighbour.state(i).map(|state| self.seen.turned(state))
     }
 
-    /// State at the last observed frame with the velocity fitted as in [`Seen::velocity`] over the
+    /// TrackState at the last observed frame with the velocity fitted as in [`AugmentedView::velocity`] over the
     /// frames in which it is present.
     #[must_use]
-    pub fn now(&self, window_s: f64) -> State {
+    pub fn now(&self, window_s: f64) -> TrackState {
         let now = self.neighbour.now();
         let [vx, vy] = velocity_of(&self.neighbour, self.seen.observation.shape(), window_s);
-        self.seen.turned(State { vx, vy, ..now })
+        self.seen.turned(TrackState { vx, vy, ..now })
     }
 
     /// Length and width, m.
@@ -151,10 +152,10 @@ pub(crate) fn velocity_of(neighbour: &Neighbour<'_>, shape: WindowShape, window_
 
 /// Least-squares slope of the positions over the last `window_s` seconds, at least one frame, back
 /// to the first absence, m/s; `None` with fewer than two positions.
-fn slope(shape: WindowShape, window_s: f64, state: impl Fn(usize) -> Option<State>) -> Option<[f32; 2]> {
+fn slope(shape: WindowShape, window_s: f64, state: impl Fn(usize) -> Option<TrackState>) -> Option<[f32; 2]> {
     let frames = ((window_s * shape.rate_hz).round() as usize + 1).max(2);
-    let last = shape.observed - 1;
-    let seen: Vec<State> = (0..frames).map_while(|back| state(last.checked_sub(back)?)).collect();
+    let last = shape.t_obs - 1;
+    let seen: Vec<TrackState> = (0..frames).map_while(|back| state(last.checked_sub(back)?)).collect();
     let n = seen.len();
     if n < 2 {
         return None;
