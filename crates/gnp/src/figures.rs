@@ -118,7 +118,7 @@ fn forecasts(run: &Run, gnp: &Gnp, windows: &[Window<'_>]) -> Result<Vec<Forecas
         run.machine.stop.check()?;
         let seen: Vec<_> = batch.iter().map(Window::observation).collect();
         all.extend(gnp.predict(&seen, run.config.predict.k)?);
-        work.at(all.len(), "");
+        work.at(all.len() as u64, "");
     }
     Ok(all)
 }

@@ -146,7 +146,7 @@ fn forecasts<'a>(
             });
             Made { vehicle: *vehicle, frame: *frame, seen: *seen, neighbours: neighbours.to_vec(), forecast }
         }));
-        work.at(made.len(), "");
+        work.at(made.len() as u64, "");
     }
     Ok(made)
 }
