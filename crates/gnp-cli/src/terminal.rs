@@ -2,22 +2,27 @@
 //!
 //! On a terminal progress is a bar with rate and time left; elsewhere, and where `NO_COLOR` or `TERM=dumb`
 //! asks for plain text, it is a line now and then without control characters, so that a log file stays readable.
-//! No line of words is longer than [`COLUMNS`].
+//! No line of text is longer than [`COLUMNS`](gnp::text::COLUMNS).
 
 use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use gnp::text::fitted;
+use gnp::{Progress, Work};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use tracing_subscriber::filter::LevelFilter;
+
+use crate::program::Program;
 
 /// Plain lines of one piece of work are at least this far apart.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Where progress goes.
+/// Progress on a terminal or in a log file.
 #[derive(Clone, Debug)]
-pub(crate) struct Terminal {
+pub struct Terminal {
+    program: Program,
     bars: MultiProgress,
     quiet: bool,
     interactive: bool,
@@ -25,11 +30,13 @@ pub(crate) struct Terminal {
 
 impl Terminal {
     /// Sets up progress and logs; call once.
-    pub(crate) fn start(quiet: bool, verbose: bool) -> Self {
+    #[must_use]
+    pub fn start(quiet: bool, verbose: bool, program: &Program) -> Self {
         let able = io::stderr().is_terminal() && !plain_text_wanted();
         let interactive = able && !quiet;
         let target = if interactive { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        let terminal = Self { bars: MultiProgress::with_draw_target(target), quiet, interactive };
+        let terminal =
+            Self { program: program.clone(), bars: MultiProgress::with_draw_target(target), quiet, interactive };
         let bars = terminal.bars.clone();
         // A second call (tests in one process) keeps the first subscriber.
         let _ = tracing_subscriber::fmt()
@@ -42,35 +49,15 @@ impl Terminal {
         terminal
     }
 
-    /// Lines of a result, on stdout; those that are too long are broken between words.
-    pub(crate) fn result(&self, text: &str) {
-        self.for_programs(&fitted(text.trim_end_matches('\n')));
-    }
-
     /// A line of a result that a program reads, on stdout as it is.
-    pub(crate) fn for_programs(&self, text: &str) {
+    pub fn for_programs(&self, text: &str) {
         self.bars.suspend(|| {
             // A closed pipe (`| head`) is no reason to fail.
             let _ = writeln!(io::stdout().lock(), "{text}");
         });
     }
 
-    /// A line about what is going on, on stderr; nothing with `--quiet`.
-    pub(crate) fn note(&self, text: &str) {
-        if !self.quiet {
-            self.bars.suspend(|| {
-                let _ = writeln!(io::stderr().lock(), "{}", fitted(text));
-            });
-        }
-    }
-
-    /// Starts showing a piece of work of `total` units.
-    pub(crate) fn work(&self, what: &str, total: u64, unit: &'static str) -> Work {
-        self.resumed_work(what, 0, total, unit)
-    }
-
-    /// Starts showing a piece of work of `total` units, `done` of which were done earlier.
-    pub(crate) fn resumed_work(&self, what: &str, done: u64, total: u64, unit: &'static str) -> Work {
+    fn bar(&self, what: &str, done: u64, total: u64, unit: &'static str) -> Bar {
         let bar = self.bars.add(ProgressBar::new(total).with_position(done));
         bar.reset_eta();
         let template =
@@ -82,13 +69,33 @@ impl Terminal {
         bar.set_prefix(what.to_owned());
         let plain = !self.interactive && !self.quiet;
         let now = Instant::now();
-        Work { bar, what: what.to_owned(), unit, plain, started: now, before: done, total, last: Mutex::new(now) }
+        Bar { bar, what: what.to_owned(), unit, plain, started: now, before: done, total, last: Mutex::new(now) }
+    }
+}
+
+impl Progress for Terminal {
+    /// On stdout; lines that are too long are broken between words.
+    fn result(&self, text: &str) {
+        self.for_programs(&fitted(self.program.named(text).trim_end_matches('\n')));
+    }
+
+    /// On stderr; nothing with `--quiet`.
+    fn note(&self, text: &str) {
+        if !self.quiet {
+            self.bars.suspend(|| {
+                let _ = writeln!(io::stderr().lock(), "{}", fitted(&self.program.named(text)));
+            });
+        }
+    }
+
+    fn start(&self, what: &str, done: u64, total: u64, unit: &'static str) -> Box<dyn Work> {
+        Box::new(self.bar(what, done, total, unit))
     }
 }
 
 /// Progress of one piece of work.
 #[derive(Debug)]
-pub(crate) struct Work {
+struct Bar {
     bar: ProgressBar,
     what: String,
     unit: &'static str,
@@ -99,21 +106,17 @@ pub(crate) struct Work {
     last: Mutex<Instant>,
 }
 
-impl Work {
-    /// `done` units are done; `message` says how it goes (a loss, a file).
-    pub(crate) fn at(&self, done: u64, message: &str) {
+impl Work for Bar {
+    fn at(&self, done: u64, message: &str) {
         self.bar.set_message(message.to_owned());
         self.bar.set_position(done);
         if self.plain && self.due() {
             eprintln!("{}", fitted(&self.line(done, message)));
         }
     }
+}
 
-    /// Takes the bar away.
-    pub(crate) fn finish(&self) {
-        self.bar.finish_and_clear();
-    }
-
+impl Bar {
     fn due(&self) -> bool {
         let Ok(mut last) = self.last.lock() else { return false };
         let due = last.elapsed() >= LINE_EVERY;
@@ -133,7 +136,7 @@ impl Work {
     }
 }
 
-impl Drop for Work {
+impl Drop for Bar {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }
@@ -180,11 +183,12 @@ mod tests {
     #[test]
     fn a_plain_line_has_rate_and_time_left() {
         let terminal = Terminal {
+            program: Program::default(),
             bars: MultiProgress::with_draw_target(ProgressDrawTarget::hidden()),
             quiet: false,
             interactive: false,
         };
-        let work = terminal.resumed_work("goal", 10, 110, "batches");
+        let work = terminal.bar("goal", 10, 110, "batches");
         std::thread::sleep(Duration::from_millis(20));
         let line = work.line(60, "loss 0.5");
         assert!(

@@ -13,7 +13,7 @@ const COLUMNS: usize = 100;
 /// long.
 fn printed(arguments: &[&str], environment: &[(&str, &str)]) -> (String, String) {
     let output =
-        Command::new(env!("CARGO_BIN_EXE_xtask")).args(arguments).envs(environment.iter().copied()).output().unwrap();
+        Command::new(env!("CARGO_BIN_EXE_gnp")).args(arguments).envs(environment.iter().copied()).output().unwrap();
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
     let (out, err) = (text(output.stdout), text(output.stderr));
     assert!(output.status.success(), "{arguments:?}: {err}");
@@ -40,7 +40,7 @@ fn shown(path: &Path) -> &str {
 fn output_is_plain_and_fits_where_nobody_looks() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
-    let smoke = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/smoke.toml");
+    let smoke = concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/smoke.toml");
     let (out, err) = printed(&["pipeline", "--config", smoke, "--out", shown(&run)], &[("TERM", "xterm-256color")]);
     assert!(out.contains("constant velocity") && err.contains("goal: epoch 2/2"), "{err}");
 

@@ -16,7 +16,6 @@ use gnp_traj::TrajConfig;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-
 pub use self::keys::Setting;
 
 /// Writes every key: what is known is what stands in it.

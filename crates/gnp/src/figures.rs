@@ -14,9 +14,9 @@ use gnp_model::Gnp;
 use gnp_plot::{Figure, Painter, Source};
 
 use crate::data::ingest;
-use crate::run::folder::write;
-use crate::run::Run;
 use crate::data::source;
+use crate::run::Run;
+use crate::run::folder::write;
 
 /// Most windows that are forecast for the figures; of more, every n-th is taken.
 const MOST: usize = 4000;
@@ -80,8 +80,7 @@ pub(crate) fn draw(run: &Run, data_dir: Option<&Path>) -> Result<Vec<Figure>> {
         None => (run.recordings()?, own),
     };
     let (set, _) = WindowSet::cut(recordings, &config.windows)?;
-    let split =
-        if other.is_some() { Split::all_test(&set) } else { run.split(&set)? };
+    let split = if other.is_some() { Split::all_test(&set) } else { run.split(&set)? };
     let every = split.test().len().div_ceil(MOST).max(1);
     let ids: Vec<WindowId> = split.test().iter().step_by(every).copied().collect();
     let windows: Vec<Window<'_>> = ids.iter().filter_map(|id| set.get(*id)).collect();
@@ -91,16 +90,8 @@ pub(crate) fn draw(run: &Run, data_dir: Option<&Path>) -> Result<Vec<Figure>> {
     let part = if other.is_some() { "" } else { ", test part" };
     let thinned = if every > 1 { format!(", one window of {every}") } else { String::new() };
     let source = Source { words: format!("{}{part}{thinned}", data.description), simulated: data.simulated };
-    let material = Material {
-        run,
-        gnp: &gnp,
-        recordings,
-        set: &set,
-        ids: &ids,
-        windows: &windows,
-        forecasts: &forecasts,
-        source,
-    };
+    let material =
+        Material { run, gnp: &gnp, recordings, set: &set, ids: &ids, windows: &windows, forecasts: &forecasts, source };
     let mut figures = scenes::figures(&material)?;
     figures.push(curves::modes(&material));
     figures.push(curves::error_by_horizon(run)?);

@@ -12,12 +12,12 @@ use gnp_plot::{Figure, Report, ReportTable};
 
 pub use self::replay::{Replayed, can_replay, write_replay};
 
+use crate::data::ingest::IngestSummary;
 use crate::evaluation::fold;
 use crate::figures;
-use crate::data::ingest::IngestSummary;
-use crate::stages::kinds;
-use crate::run::folder::write;
 use crate::run::Run;
+use crate::run::folder::write;
+use crate::stages::kinds;
 
 /// Writes `report.html` to the folder of a finished run, and says where it is and which figures are in it.
 ///

@@ -6,13 +6,13 @@ mod training;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use gnp_data::Recording;
+use gnp_data::{Dataset, Recording};
 use gnp_model::Component;
 
 pub(crate) use self::modes::kinds;
 pub(crate) use self::training::Watch;
 use crate::config::RunConfig;
-use crate::data::{ingest, source};
+use crate::data::{dataset_name, ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::evaluation;
 use crate::machine::Machine;
@@ -23,6 +23,8 @@ use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, wri
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Plan {
+    /// Kind of data of a run that is gone on with, if that is to be checked.
+    pub dataset: Option<Dataset>,
     /// What the run is told; without it only a run that is there can be gone on with.
     pub config: Option<RunConfig>,
     /// Folder or file of recordings; without it the data that comes with the project.
@@ -37,13 +39,21 @@ impl Plan {
     /// A new run.
     #[must_use]
     pub fn new(config: RunConfig, data: Option<PathBuf>, out: impl Into<PathBuf>) -> Self {
-        Self { config: Some(config), data, out: out.into(), resume: false }
+        Self { dataset: None, config: Some(config), data, out: out.into(), resume: false }
     }
 
     /// To go on with a run as it was told.
     #[must_use]
     pub fn resume(out: impl Into<PathBuf>) -> Self {
-        Self { config: None, data: None, out: out.into(), resume: true }
+        Self { dataset: None, config: None, data: None, out: out.into(), resume: true }
+    }
+
+    /// Whether there is something in the folder.
+    ///
+    /// # Errors
+    /// When the folder cannot be read.
+    pub fn is_started(&self) -> Result<bool> {
+        occupied(&self.out)
     }
 
     /// Starts the run with its first stage and the split, so that recordings that cannot be split leave nothing
@@ -64,7 +74,7 @@ impl Plan {
     }
 
     fn begin_with(&self, machine: &Machine, split: bool) -> Result<Run> {
-        if self.resume && occupied(&self.out)? {
+        if self.resume && self.is_started()? {
             return self.go_on(machine);
         }
         match &self.config {
@@ -79,11 +89,21 @@ impl Plan {
         if let Some(asked) = &self.config {
             asked.expect_same(&config, &self.out)?;
         }
+        if let Some(asked) = self.dataset
+            && asked != config.dataset
+        {
+            let (asked, is) = (dataset_name(asked), dataset_name(config.dataset));
+            bail!(Folder, "--dataset {asked} but {} is of {is}; take another --out", self.out.display());
+        }
         if let Some(dir) = &self.data
             && *dir != folder.state.data.dir
         {
             let then = folder.state.data.dir.display();
-            bail!(Folder, "{} was made from {then}; resume without --data-dir, or take another --out", self.out.display());
+            bail!(
+                Folder,
+                "{} was made from {then}; resume without --data-dir, or take another --out",
+                self.out.display()
+            );
         }
         let run = Run::new(folder, &config, machine);
         run.say_data();
@@ -100,8 +120,7 @@ fn start(config: &RunConfig, data: Option<&Path>, machine: &Machine, root: &Path
     let report = ingest::run(found, config, draft.path(), machine)?;
     write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
     // Only the split needs all recordings at once.
-    let recordings: Option<Vec<Recording>> =
-        if split { Some(report.load(draft.path(), machine)?) } else { None };
+    let recordings: Option<Vec<Recording>> = if split { Some(report.load(draft.path(), machine)?) } else { None };
     let mut state = RunState::new(config.seed, report.data);
     if let Some(recordings) = &recordings {
         state.split_hash = modes::split(recordings, config, draft.path(), machine)?;

@@ -18,8 +18,8 @@ use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
 use gnp_data::{Split, Window, WindowSet};
 use gnp_neural_baselines::NeuralBaseline;
 
-pub use self::recipes::Recipes;
 use self::files::{Report, Scored, write_report};
+pub use self::recipes::Recipes;
 use self::variants::{FULL, VARIANTS};
 use crate::config::{RunConfig, Setting};
 use crate::error::{Context as _, Error, Result, bail};
@@ -157,7 +157,11 @@ impl<'a> Table<'a> {
         let folder = plan.out.clone();
         let in_use = occupied(&folder)?;
         if in_use && !plan.resume {
-            bail!(Folder, "{} exists and is not empty; go on with it by --resume, or take another --out", folder.display());
+            bail!(
+                Folder,
+                "{} exists and is not empty; go on with it by --resume, or take another --out",
+                folder.display()
+            );
         }
         let table = Self { stem, folder, plan, config, machine, total };
         if in_use && !occupied(&table.fold_folder(1).join("gnp"))? {

@@ -8,7 +8,7 @@ use tempfile::TempDir;
 
 /// The folder of the project.
 pub(crate) fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap().to_owned()
 }
 
 /// A file of the embedded data.
@@ -33,7 +33,7 @@ pub(crate) fn data(files: &[&str]) -> TempDir {
 
 /// The program with these arguments.
 pub(crate) fn program<A: AsRef<std::ffi::OsStr>>(arguments: &[A]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_gnp"));
     command.args(arguments).env("NO_COLOR", "1");
     command
 }

@@ -73,7 +73,10 @@ pub(crate) fn check(table: &Table, reference: &Table) -> Result<()> {
     }
     if let Some(path) = known.iter().find(|path| get(table, path).is_none()) {
         let example = get(reference, path).map(ToString::to_string).unwrap_or_default();
-        bail!(Config, "key `{path}` is missing; every key is written in a configuration, for example `{path} = {example}`");
+        bail!(
+            Config,
+            "key `{path}` is missing; every key is written in a configuration, for example `{path} = {example}`"
+        );
     }
     Ok(())
 }
@@ -87,7 +90,9 @@ pub(crate) fn set(table: &mut Table, setting: &Setting) -> Result<()> {
     if let Some((name, whole)) = WHOLE.iter().find_map(|path| Some((key.strip_prefix(path)?.strip_prefix('.')?, path)))
     {
         let inner = whole.split('.').try_fold(&mut *table, |at, part| at.get_mut(part)?.as_table_mut());
-        inner.ok_or_else(|| Error::Config(format!("the configuration has no table `{whole}`")))?.insert(name.to_owned(), parse(text));
+        inner
+            .ok_or_else(|| Error::Config(format!("the configuration has no table `{whole}`")))?
+            .insert(name.to_owned(), parse(text));
         return Ok(());
     }
     let known = paths(table);

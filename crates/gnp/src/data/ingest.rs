@@ -75,7 +75,11 @@ pub(crate) fn run(found: Found, config: &RunConfig, folder: &Path, machine: &Mac
             for (index, (recording, mut quality)) in read?.into_iter().enumerate() {
                 let name = &recording.meta().name;
                 if recordings.iter().any(|earlier| earlier.quality.recording == *name) {
-                    bail!(Recordings, "{}: a second recording called {name}; put each recording into the folder once", source.name);
+                    bail!(
+                        Recordings,
+                        "{}: a second recording called {name}; put each recording into the folder once",
+                        source.name
+                    );
                 }
                 let windows = config.windows.count(&recording)?;
                 let frames = recording.tracks().iter().map(|track| track.rows.len()).max().unwrap_or(0);
@@ -162,7 +166,8 @@ impl IngestSummary {
         }
         quality.add_row(row(&["all", "", ""], &total[..7]));
         windows.add_row(row(&["all"], &total[7..]));
-        let mut text = format!("Recordings: {}\n{}\n\n{}\n", self.data.description, quality.trim_fmt(), windows.trim_fmt());
+        let mut text =
+            format!("Recordings: {}\n{}\n\n{}\n", self.data.description, quality.trim_fmt(), windows.trim_fmt());
         text.push_str(&format!(
             "duplicates: rows that repeat or contradict an earlier one of vehicle and frame, left out. jumps: rows faster \
              than {JUMP_SPEED} m/s or with more than {JUMP_ACCELERATION} m/s² over half a second, kept. overlaps: pairs \

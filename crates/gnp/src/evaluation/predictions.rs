@@ -33,29 +33,25 @@ pub enum PredictionsOn {
     },
 }
 
-/// Scores a file of predictions for `dataset` beside constant velocity, under `protocols` or, where that is empty,
+/// Scores a file of predictions beside constant velocity, under `protocols` or, where that is empty,
 /// those of the configuration. Writes the scores to the new folder `out` if there is one.
 ///
 /// # Errors
 /// When the file cannot be read, is of other data, or lacks a window; when `out` is in use.
 pub fn score_predictions(
     file: &Path,
-    dataset: Dataset,
     on: &PredictionsOn,
     protocols: &[Protocol],
     out: Option<&Path>,
     machine: &Machine,
 ) -> Result<Scores> {
     let predictions = read_predictions(file, Detail::Paths)?;
-    same_data(&predictions, dataset, file)?;
     let out = out.map(|out| Draft::start(out, "take another --out")).transpose()?;
     match on {
         PredictionsOn::Run(folder) => {
             let run = Run::open(folder, machine)?;
             run.folder.require(Stage::Goal)?; // the split is there
-            if run.config.dataset != dataset {
-                bail!(Folder, "--dataset {} but {} is of other data", dataset_name(dataset), folder.display());
-            }
+            same_data(&predictions, run.config.dataset, file)?;
             let set = run.windows()?;
             let split = run.split(&set)?;
             let words = format!("{}{}", kinds(split.kinds()), remarks(&split, gnp_data::Subset::Test));
@@ -63,6 +59,7 @@ pub fn score_predictions(
             score(predictions, &material, &run.config, protocols, out, machine)
         }
         PredictionsOn::Recordings { config, data } => {
+            same_data(&predictions, config.dataset, file)?;
             let found = source::find(config, data.as_deref())?;
             machine.progress.result(&format!("Data: {}", found.data.description));
             let place = tempfile::tempdir().context("cannot make a temporary folder")?;
@@ -147,7 +144,9 @@ fn covered(predictions: &Predictions, material: &Material<'_>, machine: &Machine
         );
     }
     if coverage.predictions_alone > 0 {
-        machine.progress.note(&format!("score: {} predictions are for none of the windows", coverage.predictions_alone));
+        machine
+            .progress
+            .note(&format!("score: {} predictions are for none of the windows", coverage.predictions_alone));
     }
     Ok(())
 }

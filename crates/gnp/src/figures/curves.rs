@@ -11,8 +11,8 @@ use gnp_train::History;
 
 use super::Material;
 use super::scenes::nearest;
-use crate::run::folder::Stage;
 use crate::run::Run;
+use crate::run::folder::Stage;
 
 /// Bins of the reliability diagram.
 const BINS: usize = 10;

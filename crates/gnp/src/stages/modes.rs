@@ -9,19 +9,14 @@ use gnp_model::AugmentedView;
 use gnp_modes::fit;
 
 use crate::config::RunConfig;
-use crate::run::Run;
 use crate::machine::Machine;
+use crate::run::Run;
 
 /// Parts the windows of all recordings, writes `split.json` to `folder`; returns the split's hash.
 ///
 /// # Errors
 /// When a part would be left without windows, or the same vehicle at the same time would stand in two.
-pub(super) fn split(
-    recordings: &[Recording],
-    config: &RunConfig,
-    folder: &Path,
-    machine: &Machine,
-) -> Result<String> {
+pub(super) fn split(recordings: &[Recording], config: &RunConfig, folder: &Path, machine: &Machine) -> Result<String> {
     let (set, _) = WindowSet::cut(recordings, &config.windows)?;
     let overlaps = overlaps(recordings);
     let split = Split::new(&set, &config.split, &overlaps)?;

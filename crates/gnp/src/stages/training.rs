@@ -80,7 +80,8 @@ fn fit(run: &Run, stage: &dyn Stage, config: &TrainConfig, mut checkpoints: Chec
     let last = checkpoints.last()?;
     let events = EventWriter::create(&run.folder.path("events"))?;
     let watch = Watch::new(&run.machine, name, config.epochs);
-    let mut trainer = Trainer { config, sink: &mut checkpoints, observer: (watch, events), stop: run.machine.stop.flag() };
+    let mut trainer =
+        Trainer { config, sink: &mut checkpoints, observer: (watch, events), stop: run.machine.stop.flag() };
     let started = Instant::now();
     let outcome = match &last {
         Some(state) => trainer.resume(stage, state)?,
@@ -92,7 +93,9 @@ fn fit(run: &Run, stage: &dyn Stage, config: &TrainConfig, mut checkpoints: Chec
     if outcome.end == End::Interrupted {
         return Err(Error::Stopped { kept: None });
     }
-    let Some(best) = outcome.progress.best else { bail!(Config, "{name}: no epoch was finished; set {name}.epochs above 0") };
+    let Some(best) = outcome.progress.best else {
+        bail!(Config, "{name}: no epoch was finished; set {name}.epochs above 0")
+    };
     let early = if outcome.end == End::EarlyStopped { ", stopped early" } else { "" };
     run.note(&format!(
         "{name}: {} epochs in {}{early}; best validation score {:.4} in epoch {}",

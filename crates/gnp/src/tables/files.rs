@@ -12,8 +12,8 @@ use serde::Serialize;
 use crate::evaluation::Scores;
 use crate::evaluation::systems::System;
 use crate::figures;
-use crate::run::folder::{write, write_json};
 use crate::run::Run;
+use crate::run::folder::{write, write_json};
 use crate::tables::printed::{self, Printed};
 
 /// What a table is made of.
