@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::{Result, anyhow};
 use gnp_data::{Forecast, Observation, Predictor as _, Recording, Split, Track, VehicleClass, WindowSet, WindowShape};
-use gnp_model::{Gnp, NeighbourFuture};
+use gnp_model::Gnp;
 
 use crate::figures::traffic::{SHOWN_S, busiest_of};
 use crate::session::Session;
@@ -133,11 +133,7 @@ fn forecasts<'a>(
     seen: &[(usize, usize, Observation<'a>)],
     index_of: &BTreeMap<usize, usize>,
 ) -> Result<Vec<Made<'a>>> {
-    let neighbours = match session.config.predict.neighbours {
-        // No player is told the future.
-        NeighbourFuture::Oracle => NeighbourFuture::ConstantVelocity,
-        other => other,
-    };
+    let neighbours = session.config.predict.neighbours.without_future();
     let gnp = Gnp::load(session.folder.root(), neighbours, &session.machine.device)?.explaining(true);
     let work = session.terminal().work("player", seen.len() as u64, "forecasts");
     let mut made = Vec::with_capacity(seen.len());

@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result, anyhow, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
 use gnp_eval::EvalConfig;
 use gnp_goal::GoalConfig;
-use gnp_model::{FeatureConfig, NeighbourFuture, Selection};
+use gnp_model::{FeatureConfig, NeighbourInput, Selection};
 use gnp_modes::ModeParams;
 use gnp_train::{GoalTraining, PathTraining, TrainConfig};
 use gnp_traj::TrajConfig;
@@ -97,7 +97,7 @@ pub(crate) struct PathSection {
 #[serde(deny_unknown_fields)]
 pub(crate) struct PredictConfig {
     /// Where neighbours are while the target is driven into the future.
-    pub(crate) neighbours: NeighbourFuture,
+    pub(crate) neighbours: NeighbourInput,
     /// Which goals are given when fewer are asked for than there are modes.
     pub(crate) selection: Selection,
     /// Futures a window in `predictions.parquet`; one that a protocol of `[evaluate]` asks for.

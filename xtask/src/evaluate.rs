@@ -10,7 +10,7 @@ use gnp_eval::{
     EvalConfig, EvalError, EvaluatedModel, Evaluation, PredictionWriter, Provenance, TableHead, evaluate,
     save_comparisons, save_scores, tables,
 };
-use gnp_model::{Gnp, NeighbourFuture};
+use gnp_model::Gnp;
 
 use crate::config::RunConfig;
 use crate::modes::kinds;
@@ -81,11 +81,7 @@ pub(crate) fn remarks(split: &Split, part: Subset) -> String {
 pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
     let terminal = session.terminal();
     let config = scoring.config;
-    let neighbours = match config.predict.neighbours {
-        // WithFuture the future it is scored apart; here it goes without.
-        NeighbourFuture::Oracle => NeighbourFuture::ConstantVelocity,
-        other => other,
-    };
+    let neighbours = config.predict.neighbours.without_future();
     let gnp = Gnp::load(scoring.model, neighbours, &session.machine.device)?.selecting(config.predict.selection);
     let (goal_head, oracle) = (gnp.goal_head(), gnp.oracle());
     let (velocity, acceleration) = (ConstantVelocity::default(), ConstantAcceleration::default());
@@ -100,7 +96,7 @@ pub(crate) fn score(scoring: &Scoring<'_>, session: &Session) -> Result<()> {
     ];
     let mut evaluation = evaluated(scoring, &models, &config.evaluate, terminal)?;
     let uses_future: Vec<_> = config.evaluate.protocols.iter().copied().filter(|p| p.allows_future()).collect();
-    if config.predict.neighbours == NeighbourFuture::Oracle && !uses_future.is_empty() {
+    if config.predict.neighbours.uses_future() && !uses_future.is_empty() {
         let informed = EvalConfig { protocols: uses_future, ..config.evaluate.clone() };
         evaluation = evaluation.joined(evaluated(scoring, &[EvaluatedModel::Oracle(&oracle)], &informed, terminal)?)?;
     }

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, anyhow};
 use gnp_data::{Forecast, Predictor as _, Recording, Split, Window, WindowId, WindowSet};
-use gnp_model::{Gnp, NeighbourFuture};
+use gnp_model::Gnp;
 use gnp_plot::{Figure, Painter, Source};
 
 use crate::cli::FigureArgs;
@@ -93,11 +93,7 @@ pub(crate) fn draw(session: &Session, data_dir: Option<&PathBuf>) -> Result<Vec<
     let every = split.test().len().div_ceil(MOST).max(1);
     let ids: Vec<WindowId> = split.test().iter().step_by(every).copied().collect();
     let windows: Vec<Window<'_>> = ids.iter().filter_map(|id| set.get(*id)).collect();
-    let neighbours = match config.predict.neighbours {
-        // No figure is told the future.
-        NeighbourFuture::Oracle => NeighbourFuture::ConstantVelocity,
-        other => other,
-    };
+    let neighbours = config.predict.neighbours.without_future();
     let gnp =
         Gnp::load(session.folder.root(), neighbours, &session.machine.device)?.selecting(config.predict.selection);
     let forecasts = forecasts(session, &gnp, &windows)?;

@@ -16,8 +16,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
-use gnp_data::{Forecast, Observation, PredictError, Predictor, Split, Window, WindowSet};
-use gnp_model::{Gnp, NeighbourFuture};
+use gnp_data::{Split, Window, WindowSet};
+use gnp_model::Gnp;
 use gnp_neural_baselines::NeuralBaseline;
 
 use crate::cli::{RunArgs, TableArgs};
@@ -51,8 +51,9 @@ pub(crate) fn table1(args: &TableArgs) -> Result<()> {
         .collect();
     let table = Table::start("table1", args, 6 + kinds.len())?;
     let scored = table.scored(|fold| {
-        let model = || gnp(fold.session);
-        let mut systems = vec![System::predictor(FULL, model()?), System::predictor("goal head", GoalHead(model()?))];
+        let model = gnp(fold.session)?;
+        let goal_head = System::predictor("goal head", model.goal_head());
+        let mut systems = vec![System::predictor(FULL, model), goal_head];
         systems.extend(rules(fold.set, fold.split)?);
         for (done, kind) in kinds.iter().copied().enumerate() {
             fold.progress(7 + done, kind.name());
@@ -228,12 +229,9 @@ impl Table {
     }
 }
 
-/// The trained model of a run; neighbours go straight on where the run would be told their paths.
+/// The trained model of a run.
 fn gnp(session: &Session) -> Result<Gnp> {
-    let neighbours = match session.config.predict.neighbours {
-        NeighbourFuture::Oracle => NeighbourFuture::ConstantVelocity,
-        other => other,
-    };
+    let neighbours = session.config.predict.neighbours.without_future();
     let gnp = Gnp::load(session.folder.root(), neighbours, &session.machine.device)?;
     Ok(gnp.selecting(session.config.predict.selection))
 }
@@ -249,17 +247,4 @@ fn rules(set: &WindowSet<'_>, split: &Split) -> Result<Vec<System>> {
         System::predictor("Kalman filter", kalman),
         System::predictor("IDM", Idm::default()),
     ])
-}
-
-/// The goal network's own futures, whole.
-struct GoalHead(Gnp);
-
-impl Predictor for GoalHead {
-    fn name(&self) -> &str {
-        "goal head"
-    }
-
-    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        self.0.goal_head().predict(observations, k)
-    }
 }

@@ -36,6 +36,14 @@ pub enum ModelError {
         /// What is wrong and what to do.
         problem: String,
     },
+    /// Threads that the system does not give.
+    #[error("cannot start {threads} threads: {source}; ask for fewer")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// What the system said.
+        source: rayon::ThreadPoolBuildError,
+    },
     /// From the recordings and windows.
     #[error(transparent)]
     Data(#[from] gnp_data::DataError),

@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use candle_core::Device;
-use gnp_data::{Forecast, OraclePredictor, PredictError, Window};
 use gnp_model::{Checkpoint, Gnp, NeighbourFuture};
 use gnp_modes::Modes;
 
@@ -163,8 +162,8 @@ impl Variant {
         let gnp = gnp.selecting(config.predict.selection);
         Ok(match self.input {
             Input::Past(_) => System::predictor(self.name, gnp),
-            Input::Neighbours => System::oracle(self.name, Oracle(gnp)),
-            Input::Goal => System::oracle(self.name, TrueGoal(gnp)),
+            Input::Neighbours => System::oracle(self.name, gnp.oracle()),
+            Input::Goal => System::oracle(self.name, gnp.true_goal()),
         })
     }
 }
@@ -190,32 +189,6 @@ fn copy(full: &RunFolder, redo: &[Stage], to: &Path) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// GNP that is told its neighbours' paths, whole.
-struct Oracle(Gnp);
-
-impl OraclePredictor for Oracle {
-    fn name(&self) -> &str {
-        "gnp (oracle neighbours)"
-    }
-
-    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        self.0.oracle().predict_with_future(windows, k)
-    }
-}
-
-/// GNP that is told its goal, whole.
-struct TrueGoal(Gnp);
-
-impl OraclePredictor for TrueGoal {
-    fn name(&self) -> &str {
-        "gnp (true goal)"
-    }
-
-    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        self.0.true_goal().predict_with_future(windows, k)
-    }
 }
 
 #[cfg(test)]
