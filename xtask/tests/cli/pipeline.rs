@@ -56,7 +56,7 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
 
     let scores = json(&first.join("metrics.json"));
     for model in
-        ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM along the lane"]
+        ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM"]
     {
         let rmse = scores.as_array().unwrap().iter().find(|score| {
             score["model"] == model
