@@ -61,6 +61,12 @@ pub enum ModelError {
     Candle(#[from] candle_core::Error),
 }
 
+impl From<gnp_file::FileError> for ModelError {
+    fn from(error: gnp_file::FileError) -> Self {
+        Self::Checkpoint { path: error.path, problem: error.problem }
+    }
+}
+
 impl ModelError {
     pub(crate) fn config(key: &'static str, problem: &str) -> Self {
         Self::Config { key, problem: problem.to_owned() }

@@ -68,7 +68,7 @@ impl Gnp {
         let modes = Modes::load(&folder.join("modes.safetensors"))?;
         let path = folder.join("goal.safetensors");
         let goal = Checkpoint::load(&path)?;
-        goal.expect(&path, Component::Goal, None)?;
+        goal.header.expect(&path, Component::Goal, None)?;
         let force = [Component::Repulsion, Component::Attraction]
             .into_iter()
             .map(|part| (part, folder.join(format!("{}.safetensors", part.name()))))
@@ -76,7 +76,7 @@ impl Gnp {
         let force = match force {
             Some((part, path)) => {
                 let checkpoint = Checkpoint::load(&path)?;
-                checkpoint.expect(&path, part, Some(goal.header.shape))?;
+                checkpoint.header.expect(&path, part, Some(goal.header.shape))?;
                 if checkpoint.header.split_hash != goal.header.split_hash {
                     let problem = "was trained on another split than the goal network: train both on one split";
                     return Err(ModelError::checkpoint(&path, problem));
