@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use gnp_data::Dataset;
+use gnp_data::{Dataset, DatasetNameError, format_of};
 use gnp_eval::Protocol;
 
 use crate::config::Setting;
@@ -151,8 +151,8 @@ Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RunArgs {
     /// Kind of data; picks configs/ngsim.toml or configs/highd.toml unless --config is given.
-    #[arg(long, value_enum)]
-    pub(crate) dataset: Option<DatasetName>,
+    #[arg(long, value_parser = dataset, value_name = "NAME")]
+    pub(crate) dataset: Option<Dataset>,
     /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
     #[arg(long, value_name = "DIR")]
     pub(crate) data_dir: Option<PathBuf>,
@@ -309,8 +309,8 @@ pub(crate) struct ScoreArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) predictions: PathBuf,
     /// Kind of data.
-    #[arg(long, value_enum)]
-    pub(crate) dataset: DatasetName,
+    #[arg(long, value_parser = dataset, value_name = "NAME")]
+    pub(crate) dataset: Dataset,
     /// A run whose test part is scored on.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["data_dir", "config", "set"])]
     pub(crate) run: Option<PathBuf>,
@@ -395,41 +395,10 @@ pub(crate) struct MachineArgs {
     pub(crate) verbose: bool,
 }
 
-/// `--dataset`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum DatasetName {
-    /// US-101 and I-80, 10 Hz; embedded: real scenes.
-    Ngsim,
-    /// highD, 25 Hz; embedded: simulated recordings in its layout.
-    Highd,
-}
-
-impl DatasetName {
-    /// As on the command line and in file names.
-    pub(crate) fn as_str(self) -> &'static str {
-        match self {
-            Self::Ngsim => "ngsim",
-            Self::Highd => "highd",
-        }
-    }
-}
-
-impl From<DatasetName> for Dataset {
-    fn from(name: DatasetName) -> Self {
-        match name {
-            DatasetName::Ngsim => Self::Ngsim,
-            DatasetName::Highd => Self::HighD,
-        }
-    }
-}
-
-impl From<Dataset> for DatasetName {
-    fn from(dataset: Dataset) -> Self {
-        match dataset {
-            Dataset::Ngsim => Self::Ngsim,
-            Dataset::HighD => Self::Highd,
-        }
-    }
+/// `--dataset`: a dataset whose files can be read.
+fn dataset(text: &str) -> Result<Dataset, String> {
+    let dataset: Dataset = text.parse().map_err(|error: DatasetNameError| error.to_string())?;
+    format_of(dataset).map(|_| dataset).map_err(|error| error.to_string())
 }
 
 /// `--device`.
@@ -458,7 +427,7 @@ mod tests {
     fn settings_and_flags_are_understood() {
         let cli = Cli::try_parse_from(["xtask", "pipeline", "--dataset", "highd", "--set", "goal.epochs=3", "--quiet"]);
         let Command::Pipeline { run, machine } = cli.unwrap().command else { panic!("not pipeline") };
-        assert_eq!(run.dataset.map(Dataset::from), Some(Dataset::HighD));
+        assert_eq!(run.dataset, Some(Dataset::HIGHD));
         assert_eq!(run.set, [Setting { key: "goal.epochs".into(), text: "3".into() }]);
         assert!(machine.quiet && machine.device == DeviceName::Cpu);
     }

@@ -16,7 +16,7 @@ use gnp_traj::TrajConfig;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::cli::{DatasetName, RunArgs};
+use crate::cli::RunArgs;
 use crate::project;
 
 pub(crate) use keys::Setting;
@@ -118,9 +118,9 @@ impl RunConfig {
         };
         let config = Self::read(&path, &run.set)?;
         if let Some(asked) = run.dataset
-            && Dataset::from(asked) != config.dataset
+            && asked != config.dataset
         {
-            bail!("--dataset {} but {} is for {:?}", asked.as_str(), path.display(), config.dataset);
+            bail!("--dataset {asked} but {} is for {}", path.display(), config.dataset);
         }
         let name = path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
         Ok((config, name))
@@ -217,7 +217,7 @@ impl RunConfig {
 }
 
 /// The configuration that comes with the project for a kind of data.
-fn embedded(dataset: DatasetName) -> PathBuf {
+fn embedded(dataset: Dataset) -> PathBuf {
     project::root().join("configs").join(format!("{}.toml", dataset.as_str()))
 }
 

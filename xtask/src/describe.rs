@@ -1,7 +1,7 @@
 //! `ingest --describe`: which files and columns are read, in which units, and what is there.
 
 use anyhow::{Result, bail};
-use gnp_data::{Dataset, discover, schema};
+use gnp_data::{FORMATS, discover, format_of, schema};
 
 use crate::cli::RunArgs;
 use crate::config::RunConfig;
@@ -13,11 +13,11 @@ use crate::terminal::Terminal;
 /// When the folder holds no recordings of that kind.
 pub(crate) fn run(run: &RunArgs, terminal: &Terminal) -> Result<()> {
     let datasets = match (run.dataset, &run.config) {
-        (None, None) => vec![Dataset::Ngsim, Dataset::HighD],
+        (None, None) => FORMATS.iter().map(|format| format.dataset()).collect(),
         _ => vec![RunConfig::resolve(run)?.0.dataset],
     };
     for dataset in &datasets {
-        terminal.result(&schema::describe(*dataset));
+        terminal.result(&schema::describe(format_of(*dataset)?));
     }
     let Some(dir) = &run.data_dir else { return Ok(()) };
     let [dataset] = datasets[..] else { bail!("give --dataset to see what is in {}", dir.display()) };

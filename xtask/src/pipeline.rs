@@ -92,7 +92,7 @@ pub(crate) fn default_out(name: &str) -> PathBuf {
 fn resume(run: &RunArgs, machine: Machine, root: &Path) -> Result<Session> {
     let folder = RunFolder::open(root)?;
     let config = RunConfig::read(&folder.path("config.toml"), &[])?;
-    if run.config.is_some() || !run.set.is_empty() || run.dataset.is_some_and(|name| config.dataset != name.into()) {
+    if run.config.is_some() || !run.set.is_empty() || run.dataset.is_some_and(|dataset| config.dataset != dataset) {
         let (asked, _) = RunConfig::resolve(run)?;
         asked.expect_same(&config, root)?;
     }

@@ -13,7 +13,7 @@ use gnp_eval::{
     save_scores, tables,
 };
 
-use crate::cli::{DatasetName, ScoreArgs};
+use crate::cli::ScoreArgs;
 use crate::config::RunConfig;
 use crate::modes::kinds;
 use crate::run_folder::{Draft, RunFolder, Stage, write};
@@ -31,7 +31,7 @@ const NAMED: usize = 5;
 /// When the file cannot be read, is of other data, or lacks a window; when `--out` is in use.
 pub(crate) fn run(args: &ScoreArgs) -> Result<()> {
     let predictions = read_predictions(&args.predictions, Detail::Paths)?;
-    same_data(&predictions, args.dataset.into(), &args.predictions)?;
+    same_data(&predictions, args.dataset, &args.predictions)?;
     let out = args.out.as_deref().map(|out| Draft::start(out, "take another --out")).transpose()?;
     let machine = Machine::start(&args.machine)?;
     let terminal = machine.terminal.clone();
@@ -40,7 +40,7 @@ pub(crate) fn run(args: &ScoreArgs) -> Result<()> {
             let folder = RunFolder::open(run)?;
             folder.require(Stage::Goal)?; // the split is there
             let config = RunConfig::read(&folder.path("config.toml"), &[])?;
-            if config.dataset != args.dataset.into() {
+            if config.dataset != args.dataset {
                 bail!("--dataset {} but {} is of other data", args.dataset.as_str(), run.display());
             }
             let session = Session::new(folder, config, machine);
@@ -129,7 +129,7 @@ fn score(
 
 /// A file says of itself what data it is for; one that does not say is believed.
 fn same_data(predictions: &Predictions, dataset: Dataset, path: &Path) -> Result<()> {
-    let wanted = DatasetName::from(dataset).as_str();
+    let wanted = dataset.as_str();
     match predictions.provenance().get("dataset") {
         Some(found) if found != wanted => {
             bail!("{}: predictions for {found}, not for {wanted}; give --dataset {found}", path.display())

@@ -3,9 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gnp_data::{Dataset, Source, discover};
+use gnp_data::{Dataset, Format, Source, discover, format_of};
 
-use crate::cli::DatasetName;
 use crate::config::RunConfig;
 use crate::project;
 use crate::run_folder::DataState;
@@ -31,25 +30,24 @@ pub(crate) fn find(config: &RunConfig, data_dir: Option<&Path>) -> Result<Found>
         sources.truncate(config.data.max_recordings);
     }
     let simulated = sources.iter().any(|source| source.simulated);
-    let words = words(config.dataset, embedded, simulated, &dir);
+    let words = words(format_of(config.dataset)?, embedded, simulated, &dir);
     Ok(Found { data: DataState { dir, embedded, simulated, words }, sources })
 }
 
 fn fixtures(dataset: Dataset) -> PathBuf {
-    project::root().join("fixtures").join(DatasetName::from(dataset).as_str())
+    project::root().join("fixtures").join(dataset.as_str())
 }
 
-fn words(dataset: Dataset, embedded: bool, simulated: bool, dir: &Path) -> String {
-    match (dataset, embedded, simulated) {
-        (Dataset::Ngsim, true, false) => "real NGSIM scenes of US-101 and I-80 that come with the project".to_owned(),
-        (Dataset::HighD, true, true) => {
-            "*simulated* recordings in highD's file layout that come with the project; nothing measured on them is a \
-             result about highD"
-                .to_owned()
-        }
-        (_, _, true) => format!("*simulated* recordings in {}", dir.display()),
-        (Dataset::Ngsim, _, false) => format!("NGSIM recordings in {}", dir.display()),
-        (Dataset::HighD, _, false) => format!("highD recordings in {}", dir.display()),
+fn words(format: &dyn Format, embedded: bool, simulated: bool, dir: &Path) -> String {
+    let (title, of_sites) = (format.title(), format.sites().map_or_else(String::new, |sites| format!(" of {sites}")));
+    match (embedded, simulated) {
+        (true, false) => format!("real {title} scenes{of_sites} that come with the project"),
+        (true, true) => format!(
+            "*simulated* recordings in {title}'s file layout that come with the project; nothing measured on them is a \
+             result about {title}"
+        ),
+        (false, true) => format!("*simulated* recordings in {}", dir.display()),
+        (false, false) => format!("{title} recordings in {}", dir.display()),
     }
 }
 
@@ -59,10 +57,10 @@ mod tests {
 
     #[test]
     fn simulated_is_always_said() {
-        for dataset in [Dataset::Ngsim, Dataset::HighD] {
+        for format in gnp_data::FORMATS {
             for embedded in [true, false] {
-                assert!(words(dataset, embedded, true, Path::new("d")).contains("*simulated*"));
-                assert!(!words(dataset, embedded, false, Path::new("d")).contains("simulated"));
+                assert!(words(*format, embedded, true, Path::new("d")).contains("*simulated*"));
+                assert!(!words(*format, embedded, false, Path::new("d")).contains("simulated"));
             }
         }
     }

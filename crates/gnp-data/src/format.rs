@@ -23,6 +23,11 @@ pub trait Format: Send + Sync {
     /// Name in headings and messages, such as `highD`.
     fn title(&self) -> &str;
 
+    /// Sites that are read, for headings, where there are a few.
+    fn sites(&self) -> Option<&str> {
+        None
+    }
+
     /// Frames per second of the original data, Hz.
     fn rate_hz(&self) -> f64;
 

@@ -162,15 +162,10 @@ impl Checkpoint {
             return Err(ModelError::checkpoint(path, format!("is of `{found}`, expected `{}`", part.name())));
         }
         match shape {
-            Some(found) if !same_frames(found, self.header.shape) => {
+            Some(found) if !self.header.shape.fits(&found) => {
                 Err(ModelError::Shape { needs: self.header.shape, found })
             }
             _ => Ok(()),
         }
     }
-}
-
-/// Whether windows of two shapes have the same frames in time, whatever they were resampled from.
-fn same_frames(a: WindowShape, b: WindowShape) -> bool {
-    a.t_obs == b.t_obs && a.t_pred == b.t_pred && (a.rate_hz - b.rate_hz).abs() < 1e-6
 }

@@ -50,6 +50,10 @@ impl Format for Ngsim {
         "NGSIM"
     }
 
+    fn sites(&self) -> Option<&str> {
+        Some("US-101 and I-80")
+    }
+
     fn rate_hz(&self) -> f64 {
         RATE
     }
