@@ -23,13 +23,13 @@ const LATERAL_TOLERANCE: f32 = 0.06;
 const LONGITUDINAL_TOLERANCE: f32 = 0.2;
 /// A snippet must change its speed by at least this to tell drivers apart, m/s.
 const DISTINCTIVE: f32 = 0.15;
-/// Signatures that more snippets than this share tell nobody apart.
+/// A signature that more snippets than this have tells no vehicles apart.
 const COMMON: usize = 256;
 /// Vehicles that must agree at one shift in time and in space. One or two may do so by chance.
 const VEHICLES: usize = 3;
 /// Shifts in space that count as one, m: scenes may start at different points of the road.
 const PLACE: f32 = 0.5;
-/// Rows above which only a share of the signatures is kept, chosen by the signature itself.
+/// Rows above which only a fraction of the signatures is kept, chosen by the signature itself.
 const ROWS_IN_FULL: usize = 1_000_000;
 
 /// Two recordings that show the same vehicles.

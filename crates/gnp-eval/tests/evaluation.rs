@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use gnp_data::{
     Columns, Dataset, Forecast, LaneMarking, MarkingKind, Mode, Observation, OraclePredictor, PredictError, Predictor,
-    Recording, RecordingMeta, Road, Subset, Track, VehicleClass, Window, WindowConfig, WindowId, WindowSet,
+    Recording, RecordingMeta, Road, Subset, Track, Window, WindowConfig, WindowId, WindowSet,
 };
 use gnp_eval::{
     ALL_SITES, Batch, Bootstrap, Comparison, Coverage, Detail, EvalConfig, EvalError, EvaluatedModel, ForecastProblem,

@@ -9,7 +9,7 @@ use std::path::Path;
 use candle_core::{Device, Tensor};
 use gnp_data::{
     Columns, Dataset, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot,
-    Track, TrackState, VehicleClass, Window, WindowShape,
+    Track, TrackState, Window, WindowShape,
 };
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{

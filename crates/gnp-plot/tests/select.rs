@@ -3,8 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)] // helpers of tests
 
 use gnp_data::{
-    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, Window,
-    WindowShape,
+    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, Window, WindowShape,
 };
 use gnp_plot::{Manoeuvre, Scene, SceneRule, find_scene, manoeuvre};
 
