@@ -99,7 +99,7 @@ fn field(material: &Material<'_>) -> Result<Option<Figure>> {
     };
     let window = &material.windows[found];
     let scene = explained(material, window, rule.name())?;
-    let slots = window.observation().neighbours().map(|slot| slot.map(|n| [n.now().x, n.now().y]));
+    let slots = window.observation().neighbours().map(|slot| slot.map(|n| [n.now().x, n.now().y])).0;
     let potential = Potential::of(&scene, &slots, material.run.config.traj.r_col);
     Ok(potential.map(|potential| potential_field(&scene, &potential, &material.source)))
 }

@@ -94,7 +94,7 @@ impl<'a> Clip<'a> {
         for (track, vehicle) in &index_of {
             for (frame, row) in vehicles[*vehicle].rows.iter().filter(|(frame, _)| frame.is_multiple_of(apart)) {
                 let observation = Observation::new(recording, set.shape(), *track, *row);
-                seen.extend(observation.map(|observation| (*vehicle, *frame, observation)));
+                seen.extend(observation.ok().map(|observation| (*vehicle, *frame, observation)));
             }
         }
         let forecasts = forecasts(run, &seen, &index_of)?;
@@ -144,7 +144,7 @@ fn forecasts<'a>(
             let neighbours = seen.neighbours().map(|slot| {
                 slot.map_or(-2, |other| index_of.get(&other.track_index()).map_or(-1, |vehicle| *vehicle as i32))
             });
-            Made { vehicle: *vehicle, frame: *frame, seen: *seen, neighbours: neighbours.to_vec(), forecast }
+            Made { vehicle: *vehicle, frame: *frame, seen: *seen, neighbours: neighbours.0.to_vec(), forecast }
         }));
         work.at(made.len() as u64, "");
     }

@@ -141,7 +141,7 @@ fn vehicle(clip: &Clip<'_>, shown: &Shown<'_>) -> Vehicle {
 mod tests {
     use gnp_data::{
         Columns, Dataset, Explanation, Forecast, LaneMarking, MarkingKind, Mode, Observation, Recording, RecordingMeta,
-        Road, SLOTS, StepForces, Track, VehicleClass, WindowShape,
+        Road, SLOTS, StepForces, Track, VehicleClass, VelocitySource, WindowShape,
     };
 
     use super::*;
@@ -150,28 +150,16 @@ mod tests {
     /// A car on the second of two roads, from recorded frame 40 on: `x` is a tenth of the frame, `y` the row.
     fn recording() -> Recording {
         let rows = 30;
-        let meta = RecordingMeta {
-            dataset: Dataset::HighD,
-            site: "site 3".to_owned(),
-            name: "recording 4".to_owned(),
-            rate_hz: 25.,
-            simulated: true,
-        };
+        let meta = RecordingMeta::new(Dataset::HIGHD, "site 3", "recording 4", 25.)
+            .with_simulated(true)
+            .with_velocities(VelocitySource::Recorded);
         let lines = |y| {
             [LaneMarking { kind: MarkingKind::Boundary, y }, LaneMarking { kind: MarkingKind::Boundary, y: y + 4. }]
                 .to_vec()
         };
         let road = |driving_direction, y| Road { driving_direction, lines: lines(y), fitted: false };
-        let track = Track {
-            vehicle: 9,
-            segment: 0,
-            road: 1,
-            class: VehicleClass::Truck,
-            length: 11.,
-            width: 2.5,
-            first_frame: 40,
-            rows: 0..rows,
-        };
+        let mut track = Track::new(9, [11., 2.5], 40, 0..rows);
+        (track.road, track.class) = (1, VehicleClass::Truck);
         let columns = Columns {
             x: (0..rows).map(|row| (row + 40) as f32 / 10.).collect(),
             y: (0..rows).map(|row| row as f32).collect(),
