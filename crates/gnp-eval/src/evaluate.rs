@@ -388,13 +388,14 @@ fn merge<K: Ord>(own: &mut BTreeMap<K, MetricSums>, more: BTreeMap<K, MetricSums
 fn admit(models: &[EvaluatedModel<'_>], protocols: &[Protocol]) -> Result<(), EvalError> {
     let mut names = BTreeSet::new();
     for model in models {
-        let name = model.name().to_owned();
-        let refusing = protocols.iter().find(|protocol| model.uses_future() && !protocol.allows_future());
+        let uses_future = model.uses_future();
+        let model = model.name().to_owned();
+        let refusing = protocols.iter().find(|protocol| uses_future && !protocol.allows_future());
         if let Some(protocol) = refusing {
-            return Err(EvalError::FutureInput { model: name, protocol: protocol.name() });
+            return Err(EvalError::FutureInput { model, protocol: protocol.name() });
         }
-        if !names.insert(name.clone()) {
-            return Err(EvalError::SameName { model: name });
+        if !names.insert(model.clone()) {
+            return Err(EvalError::SameName { model });
         }
     }
     Ok(())
