@@ -6,7 +6,7 @@ use gnp_data::{
     Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, Window,
     WindowShape,
 };
-use gnp_plot::{LateralManoeuvre, Scene, SceneRule, find_scene, manoeuvre};
+use gnp_plot::{LateralManoeuvre, Scene, SceneRule, find_scene, lateral_manoeuvre};
 
 /// 1 s observed, 2 s predicted at 10 Hz.
 const SHAPE: WindowShape = WindowShape { t_obs: 11, t_pred: 20, step: 1, rate_hz: 10. };

@@ -84,7 +84,7 @@ fn boxes_move_and_vanish_when_the_vehicle_is_gone() {
 
 #[test]
 fn the_ring_is_around_the_picked_vehicle_alone() {
-    let mut clip = clip();
+    let clip = clip();
     let rows = rows_of(&clip, "/picked");
     assert_eq!(rows.len(), 7);
     let Drawing::Strips { strips, .. } = &rows[6].drawing else { panic!("{:?}", rows[6]) };
