@@ -80,8 +80,8 @@ pub struct ClipForecast {
     pub history: Vec<[f32; 2]>,
     /// Who is in each neighbour slot.
     pub neighbours: [ClipNeighbour; SLOTS],
-    /// Futures, likeliest first; their paths and goals start at the origin. The first one is
-    /// explained where the predictor explains.
+    /// Futures, likeliest first; their paths and goals start at the origin. Of the first one forces
+    /// are shown, where it is explained.
     pub modes: Vec<Mode>,
 }
 
@@ -245,9 +245,7 @@ impl Clip {
 }
 
 impl ClipForecast {
-    fn of(seen: &Observation<'_>, mut forecast: Forecast, index_of: &BTreeMap<usize, usize>) -> Self {
-        // The other futures' forces are shown nowhere, and are most of what would be kept.
-        forecast.modes.iter_mut().skip(1).for_each(|mode| mode.explanation = None);
+    fn of(seen: &Observation<'_>, forecast: Forecast, index_of: &BTreeMap<usize, usize>) -> Self {
         let [x0, y0] = seen.origin();
         let point = |i| {
             let state = seen.target(i);
