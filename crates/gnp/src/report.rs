@@ -24,6 +24,15 @@ use crate::stages::kinds;
 /// Name of the figure at the top of the page.
 const OPENING: &str = "error-by-horizon";
 
+/// Writes `report.html` of a run, and the figures in it to the folder `figures`.
+///
+/// # Errors
+/// As [`write_report`].
+pub(crate) fn write_with_figures(run: &Run) -> Result<()> {
+    let (_, figures) = write_report(run)?;
+    figures::save(&figures, &run.folder.path("figures"))
+}
+
 /// Writes `report.html` to the folder of a finished run, and says where it is and which figures are in it.
 ///
 /// # Errors

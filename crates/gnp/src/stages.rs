@@ -16,6 +16,7 @@ use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::evaluation;
 use crate::machine::Machine;
+use crate::report;
 use crate::run::Run;
 use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
 
@@ -185,6 +186,7 @@ impl Run {
             Stage::Attraction => training::train(self, Component::Attraction),
             Stage::Repulsion => training::train(self, Component::Repulsion),
             Stage::Evaluate => evaluation::own(self),
+            Stage::Report => report::write_with_figures(self),
         };
         done.map_err(|error| if error.is_stopped() { Error::Stopped { kept: Some(root) } } else { error })
             .with_context(|| format!("{name} failed"))?;
