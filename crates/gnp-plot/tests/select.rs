@@ -70,7 +70,7 @@ fn windows(recording: &Recording) -> Vec<Window<'_>> {
 fn manoeuvres_are_what_happened() {
     // Straight, to the left, to the right, half a lane, and within one lane but far.
     let recording = recording(&[(0., 3.5, 0.), (30., 3.5, 1.8), (60., 3.5, -1.8), (90., 3.5, 0.9), (120., 0., 0.2)]);
-    let found: Vec<_> = windows(&recording).iter().map(manoeuvre).collect();
+    let found: Vec<_> = windows(&recording).iter().map(lateral_manoeuvre).collect();
     let expected =
         [Some(LateralManoeuvre::Straight), Some(LateralManoeuvre::Left), Some(LateralManoeuvre::Right), None];
     assert_eq!(found[..4], expected);
