@@ -166,7 +166,7 @@ impl Clip {
             let index = clip.vehicles.len();
             index_of.insert(i, index);
             let due = rows.iter().filter(|(shown, _)| shown.is_multiple_of(apart));
-            asked.extend(due.filter_map(|(_, row)| Some((index, Observation::new(recording, shape, i, *row)?))));
+            asked.extend(due.filter_map(|(_, row)| Some((index, Observation::new(recording, shape, i, *row).ok()?))));
             let state = |(shown, row): &(usize, usize)| {
                 let state = recording.state(*row);
                 TimedState { frame: clip.recorded(*shown), centre: [state.x, state.y], velocity: [state.vx, state.vy] }
@@ -254,11 +254,14 @@ impl ClipForecast {
         Self {
             frame: seen.frame(),
             history: (0..seen.shape().t_obs).map(point).collect(),
-            neighbours: seen.neighbours().map(|slot| match slot.map(|other| index_of.get(&other.track_index())) {
-                None => ClipNeighbour::Empty,
-                Some(None) => ClipNeighbour::Outside,
-                Some(Some(vehicle)) => ClipNeighbour::Vehicle(*vehicle),
-            }),
+            neighbours: seen
+                .neighbours()
+                .map(|slot| match slot.map(|other| index_of.get(&other.track_index())) {
+                    None => ClipNeighbour::Empty,
+                    Some(None) => ClipNeighbour::Outside,
+                    Some(Some(vehicle)) => ClipNeighbour::Vehicle(*vehicle),
+                })
+                .0,
             modes: forecast.modes,
         }
     }

@@ -7,7 +7,7 @@ use std::convert::Infallible;
 
 use gnp_data::{
     Columns, Dataset, Explanation, Forecast, LaneMarking, MarkingKind, Mode, Observation, Recording, RecordingMeta,
-    Road, SLOTS, StepForces, Track, VehicleClass, WindowShape,
+    Road, SLOTS, StepForces, Track, VehicleClass, VelocitySource, WindowShape,
 };
 use gnp_plot::{Clip, ClipForecast, ClipNeighbour, ClipSpan, Evaluated, TimedState};
 
@@ -17,24 +17,15 @@ const SHAPE: WindowShape = WindowShape { t_obs: 4, t_pred: 2, step: 2, rate_hz: 
 /// Two vehicles on the second of two roads, a truck from recorded frame 40 on and a car that is ahead of it and leaves
 /// earlier: `x` is a tenth of the frame, `y` the row.
 fn recording() -> Recording {
-    let meta = RecordingMeta {
-        dataset: Dataset::HighD,
-        site: "site 3".to_owned(),
-        name: "recording 4".to_owned(),
-        rate_hz: 25.,
-        simulated: true,
-    };
+    let meta = RecordingMeta::new(Dataset::HIGHD, "site 3", "recording 4", 25.)
+        .with_simulated(true)
+        .with_velocities(VelocitySource::Recorded);
     let lines = |y| [y, y + 4.].map(|y| LaneMarking { kind: MarkingKind::Boundary, y }).to_vec();
     let road = |driving_direction, y| Road { driving_direction, lines: lines(y), fitted: false };
-    let track = |vehicle, class, rows| Track {
-        vehicle,
-        segment: 0,
-        road: 1,
-        class,
-        length: 11.,
-        width: 2.5,
-        first_frame: 40,
-        rows,
+    let track = |vehicle, class, rows| {
+        let mut track = Track::new(vehicle, [11., 2.5], 40, rows);
+        (track.road, track.class) = (1, class);
+        track
     };
     let rows = 70;
     let frame = |row: usize| (if row < 50 { row } else { row - 50 } + 40) as f32;

@@ -3,8 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)] // helpers of tests
 
 use gnp_data::{
-    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, Window,
-    WindowShape,
+    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, Window, WindowShape,
 };
 use gnp_plot::{LateralManoeuvre, Scene, SceneRule, find_scene, lateral_manoeuvre};
 
@@ -39,31 +38,16 @@ fn recording(vehicles: &[(f32, f32, f32)]) -> Recording {
             });
             columns.neighbours.push([u32::MAX; SLOTS]);
         }
-        tracks.push(Track {
-            vehicle: vehicle as u32,
-            segment: 0,
-            road: 0,
-            class: VehicleClass::Car,
-            length: 4.5,
-            width: 1.8,
-            first_frame: 1,
-            rows: start..columns.x.len(),
-        });
+        tracks.push(Track::new(vehicle as u32, [4.5, 1.8], 1, start..columns.x.len()));
     }
-    let meta = RecordingMeta {
-        dataset: Dataset::Ngsim,
-        site: "us-101".into(),
-        name: "made up".into(),
-        rate_hz: 10.,
-        simulated: true,
-    };
+    let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", "made up", 10.).with_simulated(true);
     let road = Road { driving_direction: 2, lines, fitted: false };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }
 
 fn windows(recording: &Recording) -> Vec<Window<'_>> {
     let last = |track: &Track| track.rows.start + SHAPE.t_obs - 1;
-    recording.tracks().iter().enumerate().filter_map(|(i, t)| Window::new(recording, SHAPE, i, last(t))).collect()
+    recording.tracks().iter().enumerate().filter_map(|(i, t)| Window::new(recording, SHAPE, i, last(t)).ok()).collect()
 }
 
 #[test]

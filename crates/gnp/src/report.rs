@@ -98,7 +98,8 @@ fn score_sections(scores: &[Score], differences: &[Comparison], head: &TableHead
         let title = format!("Scores under protocol {}: {}", protocol.name(), protocol.summary());
         let mut section = ReportSection::new(title);
         section.folded = protocol != Protocol::Clean;
-        section.tables = tables(&scores, head).iter().chain(&comparison_tables(&differences, head)).map(shown).collect();
+        section.tables =
+            tables(&scores, head).iter().chain(&comparison_tables(&differences, head)).map(shown).collect();
         section
     };
     protocols.into_iter().map(section).collect()
@@ -203,7 +204,7 @@ mod tests {
 
     fn score(protocol: Protocol, metric: &str, k: usize) -> Score {
         Score {
-            dataset: Dataset::Ngsim,
+            dataset: Dataset::NGSIM,
             site: "us-101".to_owned(),
             manoeuvre: None,
             model: "gnp".to_owned(),

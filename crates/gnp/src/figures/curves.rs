@@ -9,8 +9,8 @@ use gnp_plot::{
 };
 use gnp_train::History;
 
-use super::{Material, source_of};
 use super::scenes::nearest;
+use super::{Material, source_of};
 use crate::run::Run;
 use crate::run::folder::Stage;
 
@@ -61,7 +61,13 @@ pub(super) fn error_by_horizon(run: &Run) -> Result<Figure> {
         "Error against horizon of every model on the same windows of {sites}, protocol clean; bands are 95 % \
          intervals from a bootstrap over vehicles."
     );
-    Ok(charts("error-by-horizon", "Error against horizon", &caption, &panels, &source_of(&run.folder.state.data, run.config.evaluate.subset.name())))
+    Ok(charts(
+        "error-by-horizon",
+        "Error against horizon",
+        &caption,
+        &panels,
+        &source_of(&run.folder.state.data, run.config.evaluate.subset.name()),
+    ))
 }
 
 /// Curves in the order in which models first appear.
@@ -118,5 +124,11 @@ pub(super) fn learning(run: &Run) -> Result<Figure> {
     }
     let caption = "Learning curves of the three trainings: loss over the training subset while it changes, and the \
                    validation score that chooses the best epoch.";
-    Ok(charts("learning", "Learning curves", caption, &panels, &source_of(&run.folder.state.data, "training and validation")))
+    Ok(charts(
+        "learning",
+        "Learning curves",
+        caption,
+        &panels,
+        &source_of(&run.folder.state.data, "training and validation"),
+    ))
 }

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use crate::error::Result;
 use gnp_data::{Forecast, Predictor as _, Window};
 use gnp_plot::{
-    Case, Figure, LateralManoeuvre, Potential, Scene, SceneRule, cases, find_scene, force_scenes, lateral_manoeuvre, potential_field,
-    quantiles,
+    Case, Figure, LateralManoeuvre, Potential, Scene, SceneRule, cases, find_scene, force_scenes, lateral_manoeuvre,
+    potential_field, quantiles,
 };
 
 use super::Material;
@@ -99,7 +99,7 @@ fn field(material: &Material<'_>) -> Result<Option<Figure>> {
     };
     let window = &material.windows[found];
     let scene = explained(material, window, rule.name())?;
-    let slots = window.observation().neighbours().map(|slot| slot.map(|n| [n.now().x, n.now().y]));
+    let slots = window.observation().neighbours().map(|slot| slot.map(|n| [n.now().x, n.now().y])).0;
     let potential = Potential::of(&scene, &slots, material.run.config.traj.r_col);
     Ok(potential.map(|potential| potential_field(&scene, &potential, &material.source)))
 }
