@@ -22,7 +22,7 @@ use crate::sums::{Gatherer, MetricSums};
 pub struct EvalConfig {
     /// Subset of the split whose windows are scored: the test part, or the validation part as long as
     /// settings are being compared. [`evaluate`] takes the windows it is given.
-    pub part: Subset,
+    pub subset: Subset,
     /// Protocols to score under.
     pub protocols: Vec<Protocol>,
     /// Windows handed to a model at a time, at least; a batch ends with the vehicles of an instant
