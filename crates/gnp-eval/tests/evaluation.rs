@@ -60,7 +60,7 @@ fn windows() -> WindowConfig {
 
 fn config(protocols: &[Protocol]) -> EvalConfig {
     EvalConfig {
-        part: Subset::Test,
+        subset: Subset::Test,
         protocols: protocols.to_vec(),
         batch: 2,
         bootstrap: Bootstrap { resamples: 200, seed: 3 },

@@ -9,20 +9,33 @@ use crate::augmented_view::AugmentedView;
 use crate::error::ModelError;
 use crate::features::Features;
 
-/// Where the neighbours are while the target is driven into the future.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+/// Where a predictor takes its neighbours' future from while the target is driven into its own: from
+/// the past alone. The recorded future is no choice here, because a [`Predictor`](gnp_data::Predictor)
+/// is never handed one; it is an input of [`Gnp::oracle`](crate::Gnp::oracle).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NeighbourFuture {
     /// Each goes on with its last observed velocity.
     ConstantVelocity,
     /// Every vehicle of the carriageway is rolled out together towards its own likeliest goal.
     Joint,
+}
+
+/// The configuration key `predict.neighbours`: what a run takes for its neighbours' future in
+/// training and evaluation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NeighbourInput {
+    /// [`NeighbourFuture::ConstantVelocity`].
+    ConstantVelocity,
+    /// [`NeighbourFuture::Joint`]; trained at constant velocity.
+    Joint,
     /// Where they were recorded: an input that nobody has at prediction time. Reproduces the
-    /// published evaluation; every number made with it is marked.
+    /// published evaluation: the repulsion is trained with it, and [`Gnp::oracle`](crate::Gnp::oracle)
+    /// is scored beside the predictor. Every number made with it is marked.
     Oracle,
 }
 
-impl NeighbourFuture {
+impl NeighbourInput {
     /// Name in tables and files.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -31,6 +44,21 @@ impl NeighbourFuture {
             Self::Joint => "joint",
             Self::Oracle => "oracle",
         }
+    }
+
+    /// What a predictor of this run uses: constant velocity where the run is given the future.
+    #[must_use]
+    pub fn without_future(self) -> NeighbourFuture {
+        match self {
+            Self::ConstantVelocity | Self::Oracle => NeighbourFuture::ConstantVelocity,
+            Self::Joint => NeighbourFuture::Joint,
+        }
+    }
+
+    /// Whether recorded futures are an input.
+    #[must_use]
+    pub fn uses_future(self) -> bool {
+        self == Self::Oracle
     }
 }
 

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use candle_core::{Device, Tensor};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet};
 use gnp_goal::{GoalConfig, GoalNet, LabelConfig, LabelDistance, ProbabilityHead, Regression};
-use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourFuture, Representation};
+use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourInput, Representation};
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_train::{
@@ -246,7 +246,7 @@ fn paths_repeat_bit_for_bit_and_over_a_resume() {
         assert_eq!(bits(&train(&attraction, &header(Component::Attraction), &none, 5)), bits(&whole));
 
         let mut ends = Vec::new();
-        for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Oracle] {
+        for neighbours in [NeighbourInput::ConstantVelocity, NeighbourInput::Oracle] {
             let repulsion = |weights: &Weights| {
                 let parts = data.parts;
                 let stage = PathStage::repulsion(force(weights), weights, &data.features, parts, neighbours, &training);

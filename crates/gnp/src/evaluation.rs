@@ -13,7 +13,6 @@ use gnp_eval::{
     Bootstrap, Comparison, EvalConfig, EvalError, EvaluatedModel, Evaluation, PredictionWriter, Provenance, Score,
     Table, TableHead, comparison_tables, csv, save_comparisons, save_scores, tables,
 };
-use gnp_model::NeighbourFuture;
 
 pub use self::predictions::{PredictionsOn, score_predictions};
 pub use self::recordings::score_recordings;
@@ -152,10 +151,10 @@ fn of_run(run: &Run, material: &Material<'_>, out: &Path) -> Result<Scores> {
     let config = &run.config;
     let gnp = run.model()?;
     let ours = gnp.name().to_owned();
-    let mut systems = vec![System::predictor(&ours, gnp), System::goal_head(run.model()?)];
+    let mut systems = vec![System::predictor(&ours, gnp.clone()), System::predictor("goal head", gnp.goal_head())];
     systems.extend(systems::rules());
-    if config.predict.neighbours == NeighbourFuture::Oracle {
-        systems.push(System::oracle_neighbours("gnp (oracle neighbours)", run.model()?));
+    if config.predict.neighbours.uses_future() {
+        systems.push(System::oracle("gnp (oracle neighbours)", gnp.oracle()));
     }
     let evaluation = evaluate(material, &systems, &config.evaluate, &run.machine)?;
     let scores = Scores::of(&evaluation, &ours, material.split.clone(), &config.evaluate.bootstrap)?;

@@ -111,7 +111,7 @@ fn model(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Gnp> {
         let tensors = weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach()));
         Checkpoint { header, tensors: tensors.collect::<BTreeMap<String, Tensor>>() }
     });
-    Ok(Gnp::new(modes, &goal, Some(&force), config.predict.neighbours, &Device::Cpu)?)
+    Ok(Gnp::new(modes, &goal, Some(&force), config.predict.neighbours.without_future(), &Device::Cpu)?)
 }
 
 /// Modes that end at different places, 30 m/s apart at most.
