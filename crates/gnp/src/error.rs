@@ -42,9 +42,6 @@ pub enum Error {
     /// The file system.
     #[error(transparent)]
     Io(#[from] std::io::Error),
-    /// A file of weights or modes.
-    #[error(transparent)]
-    File(#[from] gnp_file::FileError),
     /// A JSON file.
     #[error(transparent)]
     Json(#[from] serde_json::Error),
