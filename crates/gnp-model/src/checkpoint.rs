@@ -90,13 +90,8 @@ impl Header {
             return Err(ModelError::checkpoint(path, format!("is of `{found}`, expected `{}`", part.name())));
         }
         match shape {
-            Some(found) if !same_frames(found, self.shape) => Err(ModelError::Shape { needs: self.shape, found }),
+            Some(found) if !self.shape.fits(&found) => Err(ModelError::Shape { needs: self.shape, found }),
             _ => Ok(()),
         }
     }
-}
-
-/// Whether windows of two shapes have the same frames in time, whatever they were resampled from.
-fn same_frames(a: WindowShape, b: WindowShape) -> bool {
-    a.t_obs == b.t_obs && a.t_pred == b.t_pred && (a.rate_hz - b.rate_hz).abs() < 1e-6
 }

@@ -383,11 +383,7 @@ fn explained(out: &RollOut, scene: &Scene, goals: &Goals) -> Result<Vec<Forecast
 
 fn predict_error(model: &str, error: ModelError) -> PredictError {
     match error {
-        ModelError::Shape { needs, found } => PredictError::Shape {
-            model: model.to_owned(),
-            needs: format!("{} + {} frames at {} Hz", needs.t_obs, needs.t_pred, needs.rate_hz),
-            found: format!("{} + {} frames at {} Hz", found.t_obs, found.t_pred, found.rate_hz),
-        },
+        ModelError::Shape { needs, found } => PredictError::shape(model, needs, found),
         other => PredictError::Model { model: model.to_owned(), source: Box::new(other) },
     }
 }

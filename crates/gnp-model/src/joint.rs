@@ -60,7 +60,7 @@ impl<'a> Crowd<'a> {
         };
         let slots = known
             .iter()
-            .map(|o| o.neighbours().map(|neighbour| neighbour.and_then(|n| row(o, n.track_index()))))
+            .map(|o| o.neighbours().map(|neighbour| neighbour.and_then(|n| row(o, n.track_index()))).0)
             .collect();
         Self { known, late: met, slots }
     }

@@ -1,7 +1,7 @@
 //! Windows to the scene that the neural social force drives through.
 
 use candle_core::{Device, Tensor};
-use gnp_data::{MarkingKind, SLOTS, Truth};
+use gnp_data::{MarkingKind, SLOTS, Slot, Truth};
 use gnp_traj::{Lines, NeighbourStates, Neighbours, Scene};
 use serde::{Deserialize, Serialize};
 
@@ -78,8 +78,8 @@ impl Features {
         let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
         for (b, seen) in seen.iter().enumerate() {
-            for slot in 0..SLOTS {
-                let place = |j: usize| ((b * t_pred + j) * SLOTS + slot) * 4;
+            for slot in Slot::ALL {
+                let place = |j: usize| ((b * t_pred + j) * SLOTS + slot.index()) * 4;
                 match truths {
                     Some(truths) => self.recorded_future(seen, &truths[b], slot, |j, s| {
                         futures[place(j)..place(j) + 4].copy_from_slice(&s);
@@ -119,7 +119,7 @@ impl Features {
             let velocity = seen.velocity(window);
             let end = observed.len();
             observed[end - 2..].copy_from_slice(&velocity);
-            mask.extend((0..SLOTS).map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
+            mask.extend(Slot::ALL.map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
         }
         let b = seen.len();
         Ok(Scene {
@@ -134,7 +134,7 @@ impl Features {
 
     /// States of the neighbour in `slot` going straight on; entry `j` is where it is when step `j`
     /// sets out, so entry 0 is the last observed frame.
-    fn straight_future(&self, seen: &AugmentedView<'_>, slot: usize, mut put: impl FnMut(usize, [f32; 4])) {
+    fn straight_future(&self, seen: &AugmentedView<'_>, slot: Slot, mut put: impl FnMut(usize, [f32; 4])) {
         let Some(neighbour) = seen.neighbour(slot) else { return };
         let now = neighbour.now(self.config().velocity_window_s);
         for j in 0..self.shape().t_pred {
@@ -148,7 +148,7 @@ impl Features {
         &self,
         seen: &AugmentedView<'_>,
         truth: &Truth<'_>,
-        slot: usize,
+        slot: Slot,
         mut put: impl FnMut(usize, [f32; 4]),
     ) {
         let Some(neighbour) = seen.neighbour(slot) else { return };

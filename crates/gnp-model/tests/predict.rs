@@ -9,7 +9,7 @@ use std::path::Path;
 use candle_core::{Device, Tensor};
 use gnp_data::{
     Columns, Dataset, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot,
-    Track, TrackState, VehicleClass, Window, WindowShape,
+    Track, TrackState, Window, WindowShape,
 };
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
@@ -58,16 +58,7 @@ fn road(mirror: bool, scramble: bool) -> Recording {
             }
             columns.neighbours.push(slots);
         }
-        tracks.push(Track {
-            vehicle: v as u32 + 1,
-            segment: 0,
-            road: 0,
-            class: VehicleClass::Car,
-            length: 4.5,
-            width: 1.9,
-            first_frame: first as u32,
-            rows: start..columns.x.len(),
-        });
+        tracks.push(Track::new(v as u32 + 1, [4.5, 1.9], first as u32, start..columns.x.len()));
     }
     let line = |kind, y| LaneMarking { kind, y };
     let mut lines =
@@ -76,13 +67,7 @@ fn road(mirror: bool, scramble: bool) -> Recording {
         lines.reverse();
         lines.iter_mut().for_each(|line| line.y = -line.y);
     }
-    let meta = RecordingMeta {
-        dataset: Dataset::Ngsim,
-        site: "us-101".to_owned(),
-        name: "made-up".to_owned(),
-        rate_hz: 5.,
-        simulated: false,
-    };
+    let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", "made-up", 5.);
     let roads = vec![Road { driving_direction: 2, lines, fitted: false }];
     Recording::from_parts(meta, roads, tracks, columns).unwrap()
 }
@@ -148,7 +133,7 @@ fn traj_config() -> TrajConfig {
 fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
     let header = Header {
         part: Component::Goal,
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         simulated: false,
         shape: SHAPE,
         features: features.clone(),
@@ -383,7 +368,7 @@ fn a_stretch_multiplies_what_lies_along_the_road_and_nothing_else() {
     same(scaled_along_road.true_target(&window.truth(), 3), plain.true_target(&window.truth(), 3));
     close(scaled_along_road.velocity(0.5)[0], 1.5 * plain.velocity(0.5)[0]);
     let mut neighbours = 0;
-    for slot in 0..SLOTS {
+    for slot in Slot::ALL {
         let (Some(a), Some(b)) = (scaled_along_road.neighbour(slot), plain.neighbour(slot)) else { continue };
         neighbours += 1;
         same(a.now(0.5), b.now(0.5));
@@ -405,8 +390,8 @@ fn the_hint_says_what_the_leader_is_like() {
     // The last five numbers of a target are the hint; with a leader and without they differ.
     let (led, leads) = (observed(0), observed(1));
     let hint = |row: &[f32]| row[row.len() - 5..].to_vec();
-    assert!(window(&recording, 0).observation().neighbour(Slot::Preceding as usize).is_some());
-    assert!(window(&recording, 1).observation().neighbour(Slot::Preceding as usize).is_none());
+    assert!(window(&recording, 0).observation().neighbour(Slot::Preceding).is_some());
+    assert!(window(&recording, 1).observation().neighbour(Slot::Preceding).is_none());
     assert!(hint(&led).iter().zip(hint(&leads)).all(|(a, b)| (a - b).abs() > 0.1), "{led:?} {leads:?}");
 }
 

@@ -28,8 +28,8 @@ fn windows() -> WindowConfig {
 
 fn recording() -> Recording {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/ngsim/us101-10_1.csv.gz");
-    let sources = gnp_data::discover(&file, Dataset::Ngsim).unwrap();
-    let expected = Expectation { dataset: Dataset::Ngsim, rate_hz: Some(10.) };
+    let sources = gnp_data::discover(&file, Dataset::NGSIM).unwrap();
+    let expected = Expectation { dataset: Dataset::NGSIM, rate_hz: Some(10.) };
     let mut recordings = gnp_data::read(&sources[0], &expected).unwrap();
     recordings.remove(0).0
 }
@@ -171,7 +171,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
     let modes = gnp_modes::fit(&futures, set.shape().t_pred, features.mode_frame(), &params).unwrap();
     let header = Header {
         part: Component::Goal,
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         simulated: false,
         shape: set.shape(),
         features: features.clone(),

@@ -126,11 +126,14 @@ pub(crate) fn evaluate(
 pub(crate) fn own(run: &Run) -> Result<()> {
     let set = run.windows()?;
     let split = run.split(&set)?;
-    let subset = run.config.evaluate.subset;
-    let words = format!("{}{}{}", kinds(split.kinds()), fold(&run.config.split), remarks(&split, subset));
-    let data = &run.folder.state.data;
-    let material = Material { set: &set, ids: split.subset(subset), split: words, data };
+    let ids = split.subset(run.config.evaluate.subset);
+    let material = Material { set: &set, ids, split: split_description(run, &split), data: &run.folder.state.data };
     of_run(run, &material, run.path()).map(|_| ())
+}
+
+/// How the windows of a run were parted, and what must be said of that.
+pub(crate) fn split_description(run: &Run, split: &Split) -> String {
+    format!("{}{}{}", kinds(split.kinds()), fold(&run.config.split), remarks(split, run.config.evaluate.subset))
 }
 
 /// Which fold is the test part; nothing where there is one split.

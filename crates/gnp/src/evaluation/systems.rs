@@ -75,7 +75,7 @@ impl OraclePredictor for System {
 }
 
 /// The predictors without a network, as they come.
-pub(super) fn rules() -> Vec<System> {
+pub(crate) fn rules() -> Vec<System> {
     fn named(rule: impl Predictor + 'static) -> System {
         System::predictor(rule.name().to_owned(), rule)
     }
