@@ -277,7 +277,7 @@ fn a_window_alone_is_as_in_a_batch_but_for_rounding() {
         let model = model(recording, neighbours);
         let last_rows = |track: usize| {
             let rows = recording.tracks()[track].rows.clone();
-            rows.filter_map(move |row| Observation::new(recording, SHAPE, track, row))
+            rows.filter_map(move |row| Observation::new(recording, SHAPE, track, row).ok())
         };
         let observations: Vec<Observation<'_>> = [0, 1].into_iter().flat_map(last_rows).collect();
         assert!(observations.len() > 20, "{}", observations.len());

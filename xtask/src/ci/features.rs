@@ -67,8 +67,7 @@ mod tests {
             dependencies: Vec::new(),
             features: features.iter().map(|feature| ((*feature).to_owned(), Vec::new())).collect(),
         };
-        let packages =
-            [package("a", &["default", "readers"]), package("b", &["cuda", "rerun"]), package("c", &[])];
+        let packages = [package("a", &["default", "readers"]), package("b", &["cuda", "rerun"]), package("c", &[])];
         assert_eq!(cases(&packages, Extent::Short), [("a", None), ("a", Some("readers"))]);
         let all = [("a", None), ("a", Some("readers")), ("b", None), ("b", Some("rerun")), ("c", None)];
         assert_eq!(cases(&packages, Extent::All), all);
