@@ -7,7 +7,6 @@
 //! [`gnp_data::Predictor`]; only [`NeuralBaseline::PipInformed`] is ever handed a recorded future.
 
 mod augmented_view;
-mod cell;
 mod checkpoint;
 mod conv;
 mod cslstm;
@@ -26,7 +25,6 @@ mod pip;
 mod pooling;
 mod recipe;
 mod rows;
-mod sequence;
 mod slstm;
 mod stage;
 mod stdan;
