@@ -16,12 +16,14 @@
 //! # Ok::<(), candle_core::Error>(())
 //! ```
 
+mod checkpoint;
 mod dropout;
 pub mod kernels;
 mod layers;
 mod lstm;
 mod weights;
 
+pub use crate::checkpoint::Checkpoint;
 pub use crate::dropout::{Dropout, DropoutMask};
 pub use crate::layers::{LayerNorm, Linear, Mlp, layer_norm, linear};
 pub use crate::lstm::{Lstm, LstmState};

@@ -10,8 +10,10 @@ use candle_core::Device;
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet, discover, read};
 use gnp_model::{AugmentedView, Features};
 
-use crate::config::RunConfig;
-use crate::{memory, project};
+use gnp::RunConfig;
+use gnp::memory;
+
+use crate::project;
 
 const LANES: usize = 5;
 /// Frames from one vehicle of a lane to the next.
@@ -62,9 +64,9 @@ fn text(vehicles: usize) -> String {
 /// # Errors
 /// Those of the reader.
 pub(super) fn ingest(folder: &Path) -> Result<Vec<Recording>> {
-    let expect = Expectation { dataset: Dataset::Ngsim, rate_hz: Some(10.) };
+    let expect = Expectation { dataset: Dataset::NGSIM, rate_hz: Some(10.) };
     let mut recordings = Vec::new();
-    for source in discover(folder, Dataset::Ngsim)? {
+    for source in discover(folder, Dataset::NGSIM)? {
         recordings.extend(read(&source, &expect)?.into_iter().map(|(recording, _)| recording));
     }
     Ok(recordings)

@@ -168,16 +168,12 @@ pub(super) fn parquet_schema() -> Result<TypePtr, ParquetError> {
 impl Provenance {
     /// The file's key-value metadata: the provenance, the frame and the unit of every column.
     pub(super) fn key_values(&self) -> Vec<KeyValue> {
-        let dataset = match self.dataset {
-            Dataset::Ngsim => "ngsim",
-            Dataset::HighD => "highd",
-        };
         let units = prediction_columns().into_iter().filter(|column| !column.unit.is_empty());
         let units: Vec<String> = units.map(|column| format!("{} {}", column.name, column.unit)).collect();
         let pairs = [
             ("schema", SCHEMA.to_owned()),
             ("model", self.model.clone()),
-            ("dataset", dataset.to_owned()),
+            ("dataset", self.dataset.to_string()),
             ("rate_hz", self.rate_hz.to_string()),
             ("simulated", self.simulated.to_string()),
             ("uses_future", self.uses_future.to_string()),

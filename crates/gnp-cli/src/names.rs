@@ -1,0 +1,52 @@
+//! Values of arguments that are names.
+
+use clap::ValueEnum;
+use gnp_data::{Dataset, DatasetNameError, format_of};
+use gnp_eval::Protocol;
+
+/// `--protocol`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProtocolName {
+    /// No future input; top-1 and best of 6.
+    Clean,
+    /// Top-1 at the instant.
+    Literature,
+    /// Best of 20, averaged up to the horizon.
+    Paper,
+    /// Metrics of Argoverse 2.
+    Av2,
+    /// Metrics of nuScenes.
+    Nuscenes,
+    /// Metrics of Waymo motion.
+    Waymo,
+}
+
+impl From<ProtocolName> for Protocol {
+    fn from(name: ProtocolName) -> Self {
+        match name {
+            ProtocolName::Clean => Self::Clean,
+            ProtocolName::Literature => Self::Literature,
+            ProtocolName::Paper => Self::Paper,
+            ProtocolName::Av2 => Self::Argoverse2,
+            ProtocolName::Nuscenes => Self::NuScenes,
+            ProtocolName::Waymo => Self::Waymo,
+        }
+    }
+}
+
+/// `--dataset`: a dataset whose files can be read.
+pub(crate) fn dataset(text: &str) -> Result<Dataset, String> {
+    let dataset: Dataset = text.parse().map_err(|error: DatasetNameError| error.to_string())?;
+    format_of(dataset).map(|_| dataset).map_err(|error| error.to_string())
+}
+
+/// `--device`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DeviceName {
+    /// The processor.
+    Cpu,
+    /// The first NVIDIA GPU.
+    Cuda,
+    /// The GPU of an Apple computer.
+    Metal,
+}

@@ -1,0 +1,81 @@
+//! Which recordings are read, and how that is said.
+
+use std::path::{Path, PathBuf};
+
+use gnp_data::{Dataset, Format, Source, discover, format_of};
+
+use crate::config::RunConfig;
+use crate::error::{Result, bail};
+use crate::run::folder::DataState;
+
+/// Recordings that were found.
+#[derive(Debug)]
+pub(crate) struct Found {
+    /// Where they are and what they are called in headings.
+    pub(crate) data: DataState,
+    /// The files, sorted by name.
+    pub(crate) sources: Vec<Source>,
+}
+
+/// Finds the recordings of a run: those of `data_dir`, or those that come with the project.
+///
+/// # Errors
+/// When there are none, or they are not what they seem.
+pub(crate) fn find(config: &RunConfig, data_dir: Option<&Path>) -> Result<Found> {
+    let embedded = data_dir.is_none();
+    let dir = match data_dir {
+        Some(dir) => dir.to_owned(),
+        None => embedded_folder(config.dataset)?,
+    };
+    let mut sources = discover(&dir, config.dataset)?;
+    if config.data.max_recordings > 0 {
+        sources.truncate(config.data.max_recordings);
+    }
+    let simulated = sources.iter().any(|source| source.simulated);
+    let description = description(format_of(config.dataset)?, embedded, simulated, &dir);
+    Ok(Found { data: DataState { dir, embedded, simulated, description }, sources })
+}
+
+/// The folder of the recordings that come with the project's sources.
+///
+/// # Errors
+/// [`Error::Recordings`](crate::Error::Recordings) where this crate was built outside of the project.
+pub fn embedded_folder(dataset: Dataset) -> Result<PathBuf> {
+    let fixtures = Path::new("fixtures").join(dataset.as_str());
+    // Cargo says where the program that it runs comes from; compiled files outlive the checkout they were made in.
+    let started = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
+    let places = started.into_iter().chain([PathBuf::from(env!("CARGO_MANIFEST_DIR"))]);
+    let found = places.flat_map(|place| place.ancestors().map(|above| above.join(&fixtures)).collect::<Vec<_>>());
+    match found.into_iter().find(|folder| folder.is_dir()) {
+        Some(folder) => Ok(folder),
+        None => bail!(Recordings, "no recordings of {} come with this program; give a folder of them", dataset),
+    }
+}
+
+fn description(format: &dyn Format, embedded: bool, simulated: bool, dir: &Path) -> String {
+    let (title, of_sites) = (format.title(), format.sites().map_or_else(String::new, |sites| format!(" of {sites}")));
+    match (embedded, simulated) {
+        (true, false) => format!("real {title} scenes{of_sites} that come with the project"),
+        (true, true) => format!(
+            "*simulated* recordings in {title}'s file layout that come with the project; nothing measured on them is a \
+             result about {title}"
+        ),
+        (false, true) => format!("*simulated* recordings in {}", dir.display()),
+        (false, false) => format!("{title} recordings in {}", dir.display()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulated_is_always_said() {
+        for format in gnp_data::FORMATS {
+            for embedded in [true, false] {
+                assert!(description(*format, embedded, true, Path::new("d")).contains("*simulated*"));
+                assert!(!description(*format, embedded, false, Path::new("d")).contains("simulated"));
+            }
+        }
+    }
+}
