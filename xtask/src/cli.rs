@@ -125,6 +125,17 @@ mod tests {
         Cli::command().debug_assert();
     }
 
+    /// The commands of `gnp` are called as they are here.
+    #[test]
+    fn help_has_the_name_of_the_program() {
+        let program = gnp_cli::Program::new("cargo xtask", "xtask", "runs");
+        let mut command = program.commands(Cli::command());
+        let help = command.find_subcommand_mut("pipeline").unwrap().render_long_help().to_string();
+        assert!(help.contains("  cargo xtask pipeline --dataset ngsim") && !help.contains("  gnp "), "{help}");
+        let help = command.find_subcommand_mut("train").unwrap().render_long_help().to_string();
+        assert!(help.contains("`cargo xtask ingest` starts one"), "{help}");
+    }
+
     #[test]
     fn wrong_use_is_refused() {
         for line in [
