@@ -46,12 +46,14 @@ Examples:
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
-    /// Run the project's checks: format, tidy, clippy, docs, ratios of times, tests.
+    /// Run the project's checks: format, tidy, clippy, docs, features, packages, ratios of times, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]
         rerun: bool,
     },
+    /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
+    Features,
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
     Tidy,
 }

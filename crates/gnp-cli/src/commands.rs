@@ -266,7 +266,7 @@ fn resolve(args: &RunArgs) -> Result<(RunConfig, String)> {
     if let Some(asked) = args.dataset
         && asked != config.dataset
     {
-        bail!("--dataset {} but {shown} is for {}", asked.as_str(), config.dataset);
+        bail!("--dataset {asked} but {shown} is for {}", config.dataset);
     }
     Ok((config, name))
 }

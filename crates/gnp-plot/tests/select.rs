@@ -5,7 +5,7 @@
 use gnp_data::{
     Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, Window, WindowShape,
 };
-use gnp_plot::{Manoeuvre, Scene, SceneRule, find_scene, manoeuvre};
+use gnp_plot::{LateralManoeuvre, Scene, SceneRule, find_scene, lateral_manoeuvre};
 
 /// 1 s observed, 2 s predicted at 10 Hz.
 const SHAPE: WindowShape = WindowShape { t_obs: 11, t_pred: 20, step: 1, rate_hz: 10. };
@@ -54,10 +54,11 @@ fn windows(recording: &Recording) -> Vec<Window<'_>> {
 fn manoeuvres_are_what_happened() {
     // Straight, to the left, to the right, half a lane, and within one lane but far.
     let recording = recording(&[(0., 3.5, 0.), (30., 3.5, 1.8), (60., 3.5, -1.8), (90., 3.5, 0.9), (120., 0., 0.2)]);
-    let found: Vec<_> = windows(&recording).iter().map(manoeuvre).collect();
-    let expected = [Some(Manoeuvre::Straight), Some(Manoeuvre::Left), Some(Manoeuvre::Right), None];
+    let found: Vec<_> = windows(&recording).iter().map(lateral_manoeuvre).collect();
+    let expected =
+        [Some(LateralManoeuvre::Straight), Some(LateralManoeuvre::Left), Some(LateralManoeuvre::Right), None];
     assert_eq!(found[..4], expected);
-    assert_eq!(found[4], Some(Manoeuvre::Straight));
+    assert_eq!(found[4], Some(LateralManoeuvre::Straight));
 }
 
 #[test]

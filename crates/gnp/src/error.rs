@@ -42,9 +42,6 @@ pub enum Error {
     /// The file system.
     #[error(transparent)]
     Io(#[from] std::io::Error),
-    /// A file of weights or modes.
-    #[error(transparent)]
-    File(#[from] gnp_file::FileError),
     /// A JSON file.
     #[error(transparent)]
     Json(#[from] serde_json::Error),
@@ -63,6 +60,9 @@ pub enum Error {
     /// The intention modes.
     #[error(transparent)]
     Modes(#[from] gnp_modes::ModeError),
+    /// A file of weights cannot be read.
+    #[error(transparent)]
+    File(#[from] gnp_file::FileError),
     /// The goal network.
     #[error(transparent)]
     Goal(#[from] gnp_goal::GoalError),

@@ -146,7 +146,7 @@ pub(crate) fn own(run: &Run) -> Result<()> {
     let set = run.windows()?;
     let split = run.split(&set)?;
     let (ids, data) = (split.subset(run.config.evaluate.subset), &run.folder.state.data);
-    let material = Material { set: &set, ids, split: parted(run, &split), data };
+    let material = Material { set: &set, ids, split: split_description(run, &split), data };
     of_run(run, &material, run.path()).map(|_| ())
 }
 
@@ -160,13 +160,13 @@ impl Run {
         let scores = load_scores(&self.folder.path("metrics.json"))?;
         let differences = load_comparisons(&self.folder.path("differences.json"))?;
         let set = self.windows()?;
-        let head = TableHead { split: parted(self, &self.split(&set)?), rate_hz: set.shape().rate_hz };
+        let head = TableHead { split: split_description(self, &self.split(&set)?), rate_hz: set.shape().rate_hz };
         Ok(Scores::new(scores, differences, &head))
     }
 }
 
 /// How the windows of a run were parted, and which of them are scored.
-fn parted(run: &Run, split: &Split) -> String {
+pub(crate) fn split_description(run: &Run, split: &Split) -> String {
     format!("{}{}{}", kinds(split.kinds()), fold(&run.config.split), remarks(split, run.config.evaluate.subset))
 }
 

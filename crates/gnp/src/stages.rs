@@ -93,7 +93,7 @@ impl Plan {
         if let Some(asked) = self.dataset
             && asked != config.dataset
         {
-            let (asked, is) = (asked.as_str(), config.dataset.as_str());
+            let is = config.dataset;
             bail!(Folder, "--dataset {asked} but {} is of {is}; take another --out", self.out.display());
         }
         if let Some(dir) = &self.data
