@@ -53,7 +53,7 @@ pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_reco
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
 pub use crate::progress::{Progress, Silent, Stop, Work};
-pub use crate::report::{Replayed, can_replay, summarise, write_replay, write_report};
+pub use crate::report::{Replayed, can_replay, write_replay, write_report};
 pub use crate::run::Run;
 pub use crate::run::folder::{DataState, RunState, Stage};
 pub use crate::stages::Plan;
