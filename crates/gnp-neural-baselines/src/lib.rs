@@ -6,7 +6,6 @@
 //! pooling whose gradient is right, and one training by [`Recipe`]. [`TrainedBaseline`] is any of them behind
 //! [`gnp_data::Predictor`]; only [`NeuralBaseline::PipInformed`] is ever handed a recorded future.
 
-mod cell;
 mod checkpoint;
 mod conv;
 mod cslstm;
@@ -26,7 +25,6 @@ mod pip;
 mod pooling;
 mod recipe;
 mod rows;
-mod sequence;
 mod slstm;
 mod stage;
 mod stdan;

@@ -2,14 +2,14 @@
 
 use gnp_force::nalgebra::{Point2, Vector2};
 use gnp_force::{goal_force, line_force, vehicle_force};
+use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut};
 
-use super::aligned::{Aligned, LINE, Pool, Trace};
 use super::batch::Chunk;
 use super::head::{HeadTape, HeadWork};
 use super::history_encoder::HistoryTape;
 use super::layout::{Net, Packed};
-use super::matmul::{Rows, RowsMut};
 use super::mlp::{self, BLOCK, Workspace};
+use super::trace::Trace;
 use crate::{Integrator, Phase};
 
 /// What a chunk leaves behind for its adjoint.

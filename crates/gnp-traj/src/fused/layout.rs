@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::aligned::padded;
-use super::matmul::{Panels, Rows, Scratch, outer_sum};
+use gnp_nn::kernels::{Panels, Rows, Scratch, outer_sum, padded};
+
 use crate::{Phase, TrajConfig};
 
 /// One `T` for every affine map of both networks.
