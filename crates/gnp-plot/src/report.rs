@@ -104,10 +104,13 @@ impl Report {
         if !self.headline.is_empty() {
             let _ = writeln!(page, "<p class=\"headline\">{}</p>", escape(&self.headline));
         }
+        // Beside each other where there is room.
+        page.push_str("<div class=\"opening\">\n");
         if let Some(summary) = &self.summary {
             let _ = write!(page, "<div class=\"summary\">\n{}</div>\n", summary.html());
         }
         page.push_str(&figures_html(&self.figures));
+        page.push_str("</div>\n");
         if let Some(clip) = &self.player {
             page.push_str(CONTROLS);
             // Inside a script, `<` could end it.
