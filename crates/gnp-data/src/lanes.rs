@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::recording::{LaneMarking, MarkingKind};
+use gnp_force::MarkingKind;
+
+use crate::recording::LaneMarking;
 
 /// Width of a lane of an American motorway: 12 feet, m.
 const LANE_WIDTH: f32 = 3.66;
@@ -125,18 +127,18 @@ mod tests {
         fit(&lane, &y).lines.iter().map(|line| (line.kind, (line.y * 100.).round() / 100.)).collect()
     }
 
-    use MarkingKind::{Boundary, Centre};
+    use MarkingKind::{Boundary, LaneDivider};
 
     #[test]
     fn lines_lie_midway_and_edges_a_lane_beyond() {
         let found = lines(&[(1, -1.8, 100), (2, -5.4, 105), (3, -9.2, 95)]);
-        assert_eq!(found, [(Boundary, -10.96), (Centre, -7.3), (Centre, -3.6), (Boundary, 0.06)]);
+        assert_eq!(found, [(Boundary, -10.96), (LaneDivider, -7.3), (LaneDivider, -3.6), (Boundary, 0.06)]);
     }
 
     #[test]
     fn a_lane_without_rows_is_spaced_evenly() {
         let found = lines(&[(1, -2., 100), (3, -10., 100)]);
-        assert_eq!(found, [(Boundary, -11.66), (Centre, -8.), (Centre, -4.), (Boundary, -0.34)]);
+        assert_eq!(found, [(Boundary, -11.66), (LaneDivider, -8.), (LaneDivider, -4.), (Boundary, -0.34)]);
     }
 
     #[test]

@@ -8,6 +8,7 @@
 mod assemble;
 mod cache;
 mod error;
+mod explanation;
 mod ingest_report;
 mod lanes;
 mod lookup;
@@ -27,13 +28,15 @@ mod windows;
 pub use crate::error::DataError;
 pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
 pub use crate::overlap::{Overlap, groups, overlaps};
-pub use crate::predictor::{Explanation, Forecast, Mode, OraclePredictor, PredictError, Predictor, StepForces};
+pub use crate::explanation::{Explanation, TermForces};
+pub use crate::predictor::{Forecast, Mode, OraclePredictor, PredictError, Predictor};
 pub use crate::reader::{Expectation, Source, discover, read};
 pub use crate::recording::{
-    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Slot, Track, TrackState,
+    Columns, Dataset, LaneMarking, Recording, RecordingMeta, Road, SLOTS, Slot, Track, TrackState,
     VehicleClass,
 };
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
 pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey, WindowShape};
 pub use crate::windows::{DropCounts, RecordingDrops, WindowConfig, WindowSet};
+pub use gnp_force::MarkingKind;

@@ -7,6 +7,8 @@
 
 use std::path::Path;
 
+use gnp_force::MarkingKind;
+
 use super::periods::{Picked, out_of_order};
 use super::sniff::{Head, Separator};
 use super::table::{Kind, Table, Values, Wanted};
@@ -15,7 +17,7 @@ use crate::assemble::{Body, Rows, assemble};
 use crate::error::DataError;
 use crate::ingest_report::IngestReport;
 use crate::lanes::MAX_LANE_WIDTH;
-use crate::recording::{Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, VehicleClass};
+use crate::recording::{Dataset, LaneMarking, Recording, RecordingMeta, Road, SLOTS, VehicleClass};
 
 /// Which of the three files of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
