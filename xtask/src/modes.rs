@@ -17,12 +17,7 @@ use crate::terminal::Terminal;
 ///
 /// # Errors
 /// When a part would be left without windows, or the same vehicle at the same time would stand in two.
-pub(crate) fn subset(
-    recordings: &[Recording],
-    config: &RunConfig,
-    folder: &Path,
-    terminal: &Terminal,
-) -> Result<String> {
+pub(crate) fn part(recordings: &[Recording], config: &RunConfig, folder: &Path, terminal: &Terminal) -> Result<String> {
     let (set, _) = WindowSet::cut(recordings, &config.windows)?;
     let overlaps = overlaps(recordings);
     let split = Split::new(&set, &config.split, &overlaps)?;

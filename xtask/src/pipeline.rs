@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gnp_data::Recording;
-use gnp_model::Subset;
+use gnp_model::Component;
 
 use crate::cli::{MachineArgs, RunArgs, StageArgs};
 use crate::config::RunConfig;
@@ -166,9 +166,9 @@ pub(crate) fn perform(session: &mut Session, stage: Stage, resume: &str) -> Resu
     let done = match stage {
         Stage::Ingest => bail!("{root} has no recordings; start a new run with `cargo xtask ingest`"),
         Stage::Modes => modes::run(session),
-        Stage::Goal => training::run(session, Subset::Goal),
-        Stage::Attraction => training::run(session, Subset::Attraction),
-        Stage::Repulsion => training::run(session, Subset::Repulsion),
+        Stage::Goal => training::run(session, Component::Goal),
+        Stage::Attraction => training::run(session, Component::Attraction),
+        Stage::Repulsion => training::run(session, Component::Repulsion),
         Stage::Evaluate => evaluate::run(session),
     };
     done.map_err(|error| {

@@ -388,8 +388,9 @@ fn merge<K: Ord>(own: &mut BTreeMap<K, MetricSums>, more: BTreeMap<K, MetricSums
 fn admit(models: &[EvaluatedModel<'_>], protocols: &[Protocol]) -> Result<(), EvalError> {
     let mut names = BTreeSet::new();
     for model in models {
+        let uses_future = model.uses_future();
         let model = model.name().to_owned();
-        let refusing = protocols.iter().find(|protocol| model.uses_future() && !protocol.allows_future());
+        let refusing = protocols.iter().find(|protocol| uses_future && !protocol.allows_future());
         if let Some(protocol) = refusing {
             return Err(EvalError::FutureInput { model, protocol: protocol.name() });
         }

@@ -172,5 +172,5 @@ impl Checkpoint {
 
 /// Whether windows of two shapes have the same frames in time, whatever they were resampled from.
 fn same_frames(a: WindowShape, b: WindowShape) -> bool {
-    a.observed == b.observed && a.predicted == b.predicted && (a.rate_hz - b.rate_hz).abs() < 1e-6
+    a.t_obs == b.t_obs && a.t_pred == b.t_pred && (a.rate_hz - b.rate_hz).abs() < 1e-6
 }

@@ -342,7 +342,7 @@ fn neighbour_row(
 mod tests {
     use super::*;
 
-    fn blocks(history_block_s: f64, observed: usize) -> Vec<Range<usize>> {
+    fn blocks(history_block_s: f64, t_obs: usize) -> Vec<Range<usize>> {
         let representation = Representation::Deviation;
         let config = FeatureConfig {
             representation,
@@ -352,7 +352,7 @@ mod tests {
             car_following_features: false,
         };
         config.check().unwrap();
-        config.blocks(WindowShape { observed, t_pred: 25, step: 1, rate_hz: 10. }).collect()
+        config.blocks(WindowShape { t_obs, t_pred: 25, step: 1, rate_hz: 10. }).collect()
     }
 
     #[test]

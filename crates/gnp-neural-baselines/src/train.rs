@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize};
 use candle_core::{Device, Tensor};
 use gnp_data::{WindowId, WindowSet};
 use gnp_nn::Weights;
-use gnp_train::{End, Kind, Observer, Progress, Sink, TrackState, Trainer};
+use gnp_train::{CheckpointSlot, End, Observer, Progress, Sink, Trainer, TrainingState};
 
 use crate::checkpoint::{Checkpoint, Header};
 use crate::error::NeuralBaselineError;
@@ -119,7 +119,7 @@ impl<'a> Files<'a> {
     }
 
     /// Where an earlier run stopped. Statistics that no gradient trains are put into the network.
-    fn resume(&self) -> Result<Option<TrackState>, NeuralBaselineError> {
+    fn resume(&self) -> Result<Option<TrainingState>, NeuralBaselineError> {
         if !self.last.exists() {
             return Ok(None);
         }
@@ -140,7 +140,7 @@ impl<'a> Files<'a> {
             serde_json::from_str(text).map_err(|e| fail(format!("does not say where training stood ({e})")))?;
         let statistics = checkpoint.tensors.iter().filter(|(name, _)| is_statistic(name));
         self.weights.set(statistics.map(|(name, tensor)| (name.as_str(), tensor)))?;
-        Ok(Some(TrackState::from_tensors(&checkpoint.tensors, progress)))
+        Ok(Some(TrainingState::from_tensors(&checkpoint.tensors, progress)))
     }
 
     fn header_at(&self, progress: &Progress, trainer: Option<String>) -> Header {
@@ -167,9 +167,9 @@ fn is_best(progress: &Progress, recipe: &Recipe) -> bool {
 }
 
 impl Sink for Files<'_> {
-    fn save(&mut self, kind: Kind, state: &TrackState) -> Result<(), Box<dyn Error + Send + Sync>> {
+    fn save(&mut self, kind: CheckpointSlot, state: &TrainingState) -> Result<(), Box<dyn Error + Send + Sync>> {
         // Which epoch is best depends on its phase, so that it is decided here and not by the loop.
-        if kind == Kind::Best {
+        if kind == CheckpointSlot::Best {
             return Ok(());
         }
         let all = |tensors: &mut std::collections::BTreeMap<String, Tensor>| {

@@ -2,7 +2,7 @@
 
 use gnp_data::{MarkingKind, SLOTS};
 use gnp_force::nalgebra::Vector2;
-use gnp_force::{MarkingKind as Law, Side, line_potential, vehicle_potential};
+use gnp_force::{LineKind as Law, Side, line_potential, vehicle_potential};
 
 use crate::axes::{nice, shown};
 use crate::figure::{Figure, Sheet, Source};
@@ -45,7 +45,7 @@ impl Potential {
         };
         let last = scene.lines.len().saturating_sub(1);
         let line = |(i, (line, k)): (usize, (&gnp_data::LaneMarking, &f32))| {
-            let kind = if line.kind == MarkingKind::LaneDivider { Law::Centre } else { Law::Boundary };
+            let kind = if line.kind == MarkingKind::LaneDivider { Law::LaneDivider } else { Law::Boundary };
             let side = if i == last && last > 0 { Side::Right } else { Side::Left };
             line_potential(kind, y - f64::from(line.y), f64::from(*k), side)
         };

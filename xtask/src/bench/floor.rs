@@ -49,14 +49,14 @@ fn layers(widths: &[usize]) -> f64 {
 /// Operations to roll one window out to `goals` goals.
 pub(super) fn traj(lengths: Lengths, goals: usize) -> f64 {
     let cfg = TrajConfig::published();
-    let encoder = |inputs: usize| layers(&[&[inputs], &cfg.encoder[..], &[cfg.code]].concat());
-    let head = layers(&[&[2 * cfg.code], &cfg.decoder[..], &[1]].concat());
+    let encoder = |inputs: usize| layers(&[&[inputs], &cfg.encoder[..], &[cfg.latent_dim]].concat());
+    let head = layers(&[&[2 * cfg.latent_dim], &cfg.decoder[..], &[1]].concat());
     let front = dense(4, cfg.embedding) + dense(cfg.embedding + cfg.hidden, 4 * cfg.hidden);
     let (observed, predicted, goals) = (lengths.observed as f64, lengths.predicted as f64, goals as f64);
     let taken = PRESENT * SLOTS as f64;
     // The first predicted step starts from the history's last state.
     let fronts = 2. * front * (observed + goals * (predicted - 1.));
-    let codes = goals * (encoder(2) + predicted * 2. * dense(cfg.hidden, cfg.code));
+    let codes = goals * (encoder(2) + predicted * 2. * dense(cfg.hidden, cfg.latent_dim));
     let heads = goals * predicted * head * (1. + taken);
     fronts + codes + heads + predicted * taken * encoder(4)
 }

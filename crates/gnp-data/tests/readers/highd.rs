@@ -107,9 +107,9 @@ fn both_carriageways_stand_where_their_metres_say() {
 fn markings_turn_with_their_carriageway() {
     let recording = read_scene(&scene());
     let lines = |road: usize| recording.roads()[road].lines.iter().map(|l| (l.kind, l.y)).collect::<Vec<_>>();
-    use MarkingKind::{Boundary, Centre};
-    assert_eq!(lines(0), [(Boundary, 0.5), (Centre, 4.), (Boundary, 7.5)]);
-    assert_eq!(lines(1), [(Boundary, -26.), (Centre, -22.), (Boundary, -18.)]);
+    use MarkingKind::{Boundary, LaneDivider};
+    assert_eq!(lines(0), [(Boundary, 0.5), (LaneDivider, 4.), (Boundary, 7.5)]);
+    assert_eq!(lines(1), [(Boundary, -26.), (LaneDivider, -22.), (Boundary, -18.)]);
     assert!(recording.roads().iter().all(|road| !road.fitted));
     // Vehicle 1 in lane 2 is left of the centre line, vehicle 2 in lane 1 right of it.
     assert!(recording.state(0).y > 4. && recording.state(10).y < 4.);

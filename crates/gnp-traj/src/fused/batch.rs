@@ -126,16 +126,16 @@ pub(crate) struct ActiveSlots {
 
 impl ActiveSlots {
     fn new(windows: Range<usize>, slots: usize, goals: usize, present: &[bool]) -> Self {
-        let mut slots = Self::default();
+        let mut active = Self::default();
         for (window, global) in windows.enumerate() {
-            let first = slots.occupied.len();
+            let first = active.occupied.len();
             let there = (0..slots).filter(|slot| present[global * slots + slot]);
-            slots.occupied.extend(there.map(|slot| (window, slot)));
+            active.occupied.extend(there.map(|slot| (window, slot)));
             for goal in 0..goals {
-                slots.pairs.extend((first..slots.occupied.len()).map(|i| (window * goals + goal, i)));
+                active.pairs.extend((first..active.occupied.len()).map(|i| (window * goals + goal, i)));
             }
         }
-        slots
+        active
     }
 }
 
