@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::{Result, anyhow};
-use gnp_data::{Forecast, Observation, Predictor as _, Recording, Split, Track, VehicleClass, WindowSet, WindowShape};
+use gnp_data::{Explanation, Forecast, Observation, Predictor as _, Recording, Split, Track, VehicleClass, WindowSet, WindowShape};
 use gnp_model::{Gnp, NeighbourFuture};
 
 use crate::figures::traffic::{SHOWN_S, busiest_of};
@@ -62,6 +62,13 @@ pub(crate) struct Made<'a> {
     pub(crate) neighbours: Vec<i32>,
     /// What it said, with the forces of the likeliest future.
     pub(crate) forecast: Forecast,
+}
+
+impl Made<'_> {
+    /// The forces behind the likeliest future.
+    pub(crate) fn explanation(&self) -> Option<&Explanation> {
+        self.forecast.modes.first()?.explanation.as_ref()
+    }
 }
 
 impl<'a> Clip<'a> {

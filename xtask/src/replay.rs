@@ -126,7 +126,7 @@ fn vehicle(clip: &Clip<'_>, shown: &Shown<'_>) -> Vehicle {
 mod tests {
     use gnp_data::{
         Columns, Dataset, Explanation, Forecast, LaneMarking, MarkingKind, Mode, Observation, Recording, RecordingMeta,
-        Road, SLOTS, StepForces, Track, VehicleClass, WindowShape,
+        Road, SLOTS, Track, VehicleClass, WindowShape,
     };
 
     use super::*;
@@ -177,7 +177,7 @@ mod tests {
             modes: vec![Mode {
                 probability: 1.,
                 path: vec![[1., 0.], [2., 0.5]],
-                explanation: Some(Explanation { goal: [2., 0.5], steps: vec![StepForces::default(); 2] }),
+                explanation: Some(Explanation { goal: [2., 0.5], terms: Vec::new() }),
             }],
         };
         let made = Made {

@@ -158,6 +158,27 @@ pub trait ForceTerm<T: RealField + Copy>: fmt::Debug + Send + Sync {
     ) -> TermVjp<T>;
 }
 
+impl<T: RealField + Copy, L: ForceTerm<T> + ?Sized> ForceTerm<T> for &L {
+    fn descriptor(&self) -> &TermDescriptor {
+        (**self).descriptor()
+    }
+
+    fn force(&self, state: &State<T>, source: &Source<T>, parameters: &[T]) -> Vector2<T> {
+        (**self).force(state, source, parameters)
+    }
+
+    fn vjp(
+        &self,
+        state: &State<T>,
+        source: &Source<T>,
+        parameters: &[T],
+        cotangent: Vector2<T>,
+        dparameters: &mut [T],
+    ) -> TermVjp<T> {
+        (**self).vjp(state, source, parameters, cotangent, dparameters)
+    }
+}
+
 /// The term of this crate with that name: `goal`, `neighbours` or `lines`.
 #[must_use]
 pub fn term<T: RealField + Copy>(name: &str) -> Option<&'static dyn ForceTerm<T>> {

@@ -2,7 +2,7 @@
 
 use candle_core::{Device, Tensor};
 use gnp_data::{MarkingKind, SLOTS, Truth};
-use gnp_traj::{Lines, NeighbourStates, Neighbours, Scene};
+use gnp_traj::{Lines, NeighbourStates, Neighbours, RollOutBatch};
 use serde::{Deserialize, Serialize};
 
 use crate::augmented_view::AugmentedView;
@@ -46,7 +46,7 @@ impl Features {
         goals: Tensor,
         truths: Option<&[Truth<'_>]>,
         device: &Device,
-    ) -> Result<Scene, ModelError> {
+    ) -> Result<RollOutBatch, ModelError> {
         let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
         for (b, seen) in seen.iter().enumerate() {
@@ -76,7 +76,7 @@ impl Features {
         goals: Tensor,
         neighbours: NeighbourStates,
         device: &Device,
-    ) -> Result<Scene, ModelError> {
+    ) -> Result<RollOutBatch, ModelError> {
         let shape = self.shape();
         let window = self.config().velocity_window_s;
         let mut observed = Vec::with_capacity(seen.len() * shape.t_obs * 4);
@@ -94,7 +94,7 @@ impl Features {
             mask.extend((0..SLOTS).map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
         }
         let b = seen.len();
-        Ok(Scene {
+        Ok(RollOutBatch {
             observed: Tensor::from_vec(observed, (b, shape.t_obs, 4), device)?,
             goals,
             neighbours: Some(Neighbours { states: neighbours, present: Tensor::from_vec(mask, (b, SLOTS), device)? }),

@@ -139,8 +139,9 @@ fn traj_config() -> TrajConfig {
         r_col: 26.,
         lines: true,
         input_scale: InputScale { position: 0.05, velocity: 0.05 },
-        integrator: Integrator::SemiImplicit,
+        integrator: Integrator::SemiImplicitEuler,
         network_period: 1,
+        terms: Vec::new(),
     }
 }
 

@@ -37,7 +37,8 @@ pub use crate::intention::{Intentions, intentions};
 pub use crate::png::{PaintError, Painter};
 pub use crate::reliability::{GivenMode, ReliabilityBin, reliability, reliability_bins};
 pub use crate::report::{
-    PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedVehicle, Report, ReportTable,
+    PlayedForecast, PlayedLine, PlayedMode, PlayedParameter, PlayedRecording, PlayedStep, PlayedTerm, PlayedVehicle, Report,
+    ReportTable,
 };
 pub use crate::scene::{Other, Scene, VehicleBox};
 pub use crate::select::{Manoeuvre, SceneRule, find_scene, manoeuvre, quantiles};

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use gnp_data::{Explanation, TermForces};
+use gnp_force::{Arity, TermDescriptor, TermParameter};
 use serde::Serialize;
 
 use crate::figure::Figure;
@@ -55,6 +57,8 @@ pub struct PlayedRecording {
     pub horizon: f64,
     /// Time between points and steps of a forecast, s.
     pub every: f64,
+    /// The terms of the force, in the order of every step's.
+    pub terms: Vec<PlayedTerm>,
     /// Lane lines.
     pub lines: Vec<PlayedLine>,
     /// Vehicles.
@@ -118,19 +122,77 @@ pub struct PlayedMode {
     pub path: Vec<i32>,
 }
 
-/// Forces of a step, m/s², and their parameters.
+/// A term of the force, as it is drawn.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PlayedTerm {
+    /// What it is called.
+    pub label: String,
+    /// Unit of the force.
+    pub unit: String,
+    /// Colour, `#rrggbb`.
+    pub colour: String,
+    /// Its parameters that are plotted over time, in the order of every step's.
+    pub parameters: Vec<PlayedParameter>,
+}
+
+/// A parameter of a term: one number a step, or one for each neighbour slot.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PlayedParameter {
+    /// Its symbol.
+    pub name: String,
+    /// What it is and its unit.
+    pub title: String,
+    /// Its unit.
+    pub unit: String,
+    /// Whether each neighbour slot has its own.
+    pub slots: bool,
+}
+
+/// What a step's forces are, by term.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlayedStep {
-    /// Pull of the goal.
-    pub goal: [f32; 2],
-    /// Push of the neighbours.
-    pub neighbours: [f32; 2],
-    /// Push of the lines.
-    pub lines: [f32; 2],
-    /// Relaxation time, s.
-    pub tau: f32,
-    /// Strength by neighbour slot, m/s².
-    pub k: Vec<f32>,
+    /// Sum of each term, m/s².
+    pub forces: Vec<[f32; 2]>,
+    /// Values of each parameter of all terms in their order: one, or one a neighbour slot.
+    pub parameters: Vec<Vec<f32>>,
+}
+
+impl PlayedTerm {
+    /// The terms of an explanation; the parameters of lane lines differ in number from road to road and are not plotted.
+    #[must_use]
+    pub fn of(explanation: &Explanation) -> Vec<Self> {
+        let parameter = |slots: bool, parameter: &TermParameter| PlayedParameter {
+            name: parameter.name.to_string(),
+            title: parameter.meaning.to_string(),
+            unit: parameter.unit.to_string(),
+            slots,
+        };
+        let term = |term: &TermDescriptor| Self {
+            label: term.label.to_string(),
+            unit: term.unit.to_string(),
+            colour: term.colour.to_string(),
+            parameters: match term.arity {
+                Arity::PerLine => Vec::new(),
+                arity => term.varying().map(|p| parameter(arity == Arity::PerNeighbour, p)).collect(),
+            },
+        };
+        explanation.terms.iter().map(|forces| term(forces.term())).collect()
+    }
+}
+
+impl PlayedStep {
+    /// A step of an explanation, in the order of [`PlayedTerm::of`], its numbers as `short` makes them.
+    #[must_use]
+    pub fn of(explanation: &Explanation, step: usize, short: impl Fn(f32) -> f32) -> Self {
+        let plotted = explanation.terms.iter().filter(|forces| forces.term().arity != Arity::PerLine);
+        let values = |forces: &TermForces, i: usize| forces.parameter(i, step).iter().map(|v| short(*v)).collect();
+        Self {
+            forces: explanation.terms.iter().map(|forces| forces.total(step).map(&short)).collect(),
+            parameters: plotted
+                .flat_map(|forces| (0..forces.term().varying().count()).map(|i| values(forces, i)).collect::<Vec<_>>())
+                .collect(),
+        }
+    }
 }
 
 impl Report {
@@ -220,8 +282,7 @@ const CONTROLS: &str = r#"<h2>Scene player</h2>
 <div id="status" role="status"></div>
 <canvas id="chart" role="img" aria-label="Relaxation time and strengths over the forecast"></canvas>
 <div id="tip" hidden></div>
-<p class="keys">Keys: space plays; arrows step, with shift by a second; N and P pick the next and the previous vehicle; F forces
-(goal yellow, neighbours blue, lane lines black), M futures (likeliest dark red, others green), B neighbours; + and − zoom; Home and End.
+<p class="keys">Keys: space plays; arrows step, with shift by a second; N and P pick the next and the previous vehicle; F forces<span id="terms"></span>, M futures (likeliest dark red, others green), B neighbours; + and − zoom; Home and End.
 A vehicle under the pointer shows its numbers. The dashed box is where the forecast has the vehicle now. An address that ends in <code>#t=12.5&amp;vehicle=7</code> opens that moment.</p>
 </div>
 "#;

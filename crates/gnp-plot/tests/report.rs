@@ -6,7 +6,8 @@ use std::path::Path;
 use std::process::Command;
 
 use gnp_plot::{
-    Figure, PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedVehicle, Report, ReportTable,
+    Figure, PlayedForecast, PlayedLine, PlayedMode, PlayedParameter, PlayedRecording, PlayedStep, PlayedTerm, PlayedVehicle, Report,
+    ReportTable,
 };
 
 /// Two vehicles for 10 s at 10 Hz; forecasts each second from 3 s on.
@@ -21,7 +22,28 @@ fn recording() -> PlayedRecording {
         x: (0..frames).map(|i| if i == 0 { 100 * id as i32 } else { 200 }).collect(),
         y: (0..frames).map(|i| if i == 0 { y } else { 0 }).collect(),
     };
-    let step = PlayedStep { goal: [1.5, 0.5], neighbours: [-0.4, 0.1], lines: [0., -0.3], tau: 0.8, k: vec![1.; 8] };
+    let step = PlayedStep {
+        forces: vec![[1.5, 0.5], [-0.4, 0.1], [0., -0.3], [0.2, 0.]],
+        parameters: vec![vec![0.8], vec![1.; 8]],
+    };
+    let parameter = |name: &str, slots| PlayedParameter {
+        name: name.to_owned(),
+        title: "a parameter".to_owned(),
+        unit: "s".to_owned(),
+        slots,
+    };
+    let term = |label: &str, colour: &str, parameters| PlayedTerm {
+        label: label.to_owned(),
+        unit: "m/s²".to_owned(),
+        colour: colour.to_owned(),
+        parameters,
+    };
+    let terms = vec![
+        term("goal", "#f5c400", vec![parameter("tau", false)]),
+        term("neighbours", "#0072b2", vec![parameter("k", true)]),
+        term("lane lines", "#000000", Vec::new()),
+        term("drag", "#7a5195", Vec::new()),
+    ];
     let path = |side: i32| (1..=10).flat_map(|i| [1000 * i, side * i]).collect();
     let forecast = |frame: usize, vehicle: usize| PlayedForecast {
         vehicle,
@@ -38,6 +60,7 @@ fn recording() -> PlayedRecording {
         observed: 3.,
         horizon: 5.,
         every: 0.5,
+        terms,
         lines: [-175, 175, 525].map(|y| PlayedLine { y, boundary: y != 175 }).to_vec(),
         vehicles: vec![vehicle(7, 0, "car"), vehicle(25, 350, "<truck>")],
         forecasts: (30..frames).step_by(10).flat_map(|frame| [forecast(frame, 0), forecast(frame, 1)]).collect(),

@@ -1,6 +1,7 @@
 //! A stretch of a recording with forecasts in it.
 
 use gnp_data::{LaneMarking, Mode, VehicleClass};
+use gnp_force::TermDescriptor;
 
 /// One carriageway of a recording over some time. Positions are in the road frame, m.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -67,6 +68,19 @@ impl Scene {
     #[must_use]
     pub fn heading(&self) -> String {
         format!("{}{}", self.title, if self.simulated { " (simulated)" } else { "" })
+    }
+
+    /// Every term of the force that explains a forecast, once.
+    pub(crate) fn terms(&self) -> Vec<&TermDescriptor> {
+        let forecasts = self.vehicles.iter().flat_map(|vehicle| &vehicle.forecasts);
+        let explanations = forecasts.filter_map(|forecast| forecast.modes.first()?.explanation.as_ref());
+        let mut terms: Vec<&TermDescriptor> = Vec::new();
+        for forces in explanations.flat_map(|explanation| &explanation.terms) {
+            if terms.iter().all(|known| known.name != forces.term().name) {
+                terms.push(forces.term());
+            }
+        }
+        terms
     }
 
     /// The last frame in which anybody is there, 0 in an empty scene.

@@ -1,8 +1,8 @@
 //! What the scene player of a report plays, short as text.
 
 use anyhow::Result;
-use gnp_data::{MarkingKind, Mode, Split, StepForces, WindowSet};
-use gnp_plot::{PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedVehicle};
+use gnp_data::{MarkingKind, Mode, Split, WindowSet};
+use gnp_plot::{PlayedForecast, PlayedLine, PlayedMode, PlayedRecording, PlayedStep, PlayedTerm, PlayedVehicle};
 
 use crate::clip::{Clip, Made, Shown, class_word};
 use crate::session::Session;
@@ -22,6 +22,7 @@ fn played(clip: &Clip<'_>) -> PlayedRecording {
         observed: (shape.t_obs - 1) as f64 * shape.dt(),
         horizon: shape.t_pred as f64 * shape.dt(),
         every: clip.every() as f64 * shape.dt(),
+        terms: clip.forecasts.iter().find_map(Made::explanation).map(PlayedTerm::of).unwrap_or_default(),
         lines: lines
             .map(|line| PlayedLine { y: centimetres(line.y), boundary: line.kind == MarkingKind::Boundary })
             .collect(),
@@ -49,21 +50,16 @@ fn played_forecast(made: &Made<'_>, every: usize) -> PlayedForecast {
         p: short(mode.probability),
         path: mode.path.iter().skip(every - 1).step_by(every).flatten().map(|v| centimetres(*v)).collect(),
     };
-    let steps = made.forecast.modes.first().and_then(|mode| mode.explanation.as_ref()).map(|e| e.steps.as_slice());
-    let step = |step: &StepForces| PlayedStep {
-        goal: step.goal.map(short),
-        neighbours: step.neighbours.map(short),
-        lines: step.lines.map(short),
-        tau: short(step.tau),
-        k: step.k_slots.map(short).to_vec(),
-    };
+    let steps = made.explanation().into_iter().flat_map(|explanation| {
+        (0..explanation.steps()).step_by(every).map(|step| PlayedStep::of(explanation, step, short))
+    });
     PlayedForecast {
         vehicle: made.vehicle,
         frame: made.frame,
         at: made.seen.origin().map(centimetres),
         neighbours: made.neighbours.clone(),
         modes: made.forecast.modes.iter().map(mode).collect(),
-        steps: steps.unwrap_or_default().iter().step_by(every).map(step).collect(),
+        steps: steps.collect(),
     }
 }
 
