@@ -13,6 +13,7 @@ mod peer;
 mod speed;
 mod traffic;
 
+use gnp_cli::Terminal;
 use std::process::Command;
 use std::thread::available_parallelism;
 
@@ -22,7 +23,6 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::cli::BenchArgs;
 use crate::project;
-use crate::terminal::Terminal;
 
 pub(crate) use check::Profile;
 

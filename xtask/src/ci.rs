@@ -6,8 +6,10 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 
-use crate::terminal::{Terminal, duration};
 use crate::{bench, tidy};
+use gnp::Progress as _;
+use gnp::text::duration;
+use gnp_cli::Terminal;
 
 /// A cargo command with the environment it needs.
 struct Step {

@@ -1,5 +1,7 @@
 //! `gallery`: redraws the pictures of docs/gallery.md and README, from runs and tables that are there.
 
+use gnp::{Progress, Run};
+use gnp_cli::Program;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -8,10 +10,6 @@ use anyhow::{Context as _, Result, bail};
 
 use crate::cli::GalleryArgs;
 use crate::project;
-use crate::report;
-use crate::run_folder::write;
-use crate::session::Session;
-use crate::terminal::Terminal;
 
 /// Names under which Chromium is installed.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
@@ -26,12 +24,12 @@ const MOMENTS: [(&str, &str); 2] = [("report.png", "#t=30&theme=light"), ("repor
 ///
 /// # Errors
 /// When the run is not finished, a table has no figures, or a file cannot be written.
-pub(crate) fn run(args: &GalleryArgs) -> Result<()> {
+pub(crate) fn run(args: &GalleryArgs, program: &Program) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| project::root().join("docs/pictures"));
-    let session = Session::finished(&args.run, &args.machine)?;
-    let (page, figures) = report::write_page(&session)?;
+    let machine = gnp_cli::machine(&args.machine, program)?;
+    let (page, figures) = gnp::write_report(&Run::finished(&args.run, &machine)?)?;
     fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    let terminal = session.terminal();
+    let terminal = machine.progress.as_ref();
     for figure in &figures {
         write(&out.join(format!("{}.svg", figure.name)), figure.svg.as_bytes())?;
         terminal.result(&format!("{}.svg: from {}", figure.name, args.run.display()));
@@ -72,7 +70,11 @@ fn figures_of(stem: &str, folder: &Path) -> Result<Vec<String>> {
 const ATTEMPTS: usize = 4;
 
 /// Pictures of the report in a browser without a window, light and dark; without a browser it says so.
-fn photograph(page: &Path, out: &Path, terminal: &Terminal) -> Result<()> {
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    gnp_file::save(path, bytes).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn photograph(page: &Path, out: &Path, terminal: &dyn Progress) -> Result<()> {
     let works = |name: &str| {
         let version = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
         version.is_ok_and(|status| status.success())

@@ -1,17 +1,28 @@
-//! Constant acceleration, until the vehicle stands.
+//! Constant acceleration, until the vehicle is stationary.
 
 use gnp_data::{Forecast, Observation, PredictError, Predictor};
+use serde::{Deserialize, Serialize};
 
 use crate::motion::{BaselineError, certain, check_span, periods, velocity_and_acceleration};
+use crate::rule::{Rule, parameters, parsed};
 
 const NAME: &str = "constant acceleration";
 
-/// Everybody goes on to speed up, slow down and swerve as over the last second.
+/// Nothing is fitted: the span is [`ConstantAcceleration::SPAN_S`].
+pub(crate) const RULE: Rule = Rule::new(
+    NAME,
+    "Every vehicle keeps the acceleration of the last second, until it is stationary.",
+    |_| parameters(NAME, &ConstantAcceleration::default()),
+    |of| Ok(Box::new(ConstantAcceleration::new(parsed::<ConstantAcceleration>(NAME, of)?.span_s)?)),
+);
+
+/// Every vehicle goes on to speed up, slow down and swerve as over the last second.
 ///
 /// Vehicles do not drive backwards: while the forward speed would be below 0 it is 0, and there is
-/// no motion sideways either. Who brakes comes to a stand and stays there; who stands and speeds up
-/// sets off when the speed comes above 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// no motion sideways either. A vehicle that brakes stops and stays there; a stationary one that
+/// speeds up sets off when the speed comes above 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ConstantAcceleration {
     span_s: f64,
 }

@@ -1,30 +1,41 @@
 //! The Intelligent Driver Model along the lane.
 
 use gnp_data::{Forecast, Mode, Neighbour, Observation, PredictError, Predictor, Slot};
+use serde::{Deserialize, Serialize};
 
 use crate::motion::{BaselineError, periods, slope, velocity};
+use crate::rule::{Rule, parameters, parsed};
 
-const NAME: &str = "IDM along the lane";
+const NAME: &str = "IDM";
+
+/// Nothing is fitted: drivers are [`IdmParameters::MOTORWAY`].
+pub(crate) const RULE: Rule = Rule::new(
+    NAME,
+    "Every vehicle follows the one ahead as the Intelligent Driver Model says and stays in its lane.",
+    |_| parameters(NAME, &IdmParameters::MOTORWAY),
+    |of| Ok(Box::new(Idm::new(parsed(NAME, of)?)?)),
+);
 
 /// Time that speeds are estimated from, s: that of [`ConstantVelocity`](crate::ConstantVelocity).
 const SPAN_S: f64 = crate::ConstantVelocity::SPAN_S;
 
-/// Nobody brakes harder than this, m/s²: dry asphalt.
+/// No vehicle brakes harder than this, m/s²: dry asphalt.
 const HARDEST_BRAKING: f64 = 9.;
 
 /// Gaps below this count as this, m: boxes overlap in recordings, and the model divides by the gap.
 const LEAST_GAP: f64 = 0.1;
 
 /// What a driver wants.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct IdmParameters {
     /// Speed on an empty road, m/s.
     pub desired_speed: f64,
     /// Time to the vehicle ahead, s.
     pub headway: f64,
-    /// Distance to the vehicle ahead at a stand, bumper to bumper, m.
+    /// Distance to the vehicle ahead when stationary, bumper to bumper, m.
     pub standstill_gap: f64,
-    /// Acceleration from a stand on an empty road, m/s².
+    /// Acceleration of a stationary vehicle on an empty road, m/s².
     pub acceleration: f64,
     /// Comfortable braking, a positive number, m/s².
     pub braking: f64,
@@ -35,7 +46,7 @@ pub struct IdmParameters {
 impl IdmParameters {
     /// Motorway drivers: Treiber, Kesting, *Traffic Flow Dynamics* (2013), table 11.2.
     ///
-    /// RMSE at 5 s of 5.9 m on the US-101 scenes in `fixtures/`, where almost everybody has a leader
+    /// RMSE at 5 s of 5.9 m on the US-101 scenes in `fixtures/`, where almost every vehicle has a leader
     /// and constant velocity has 6.8 m; of 8.5 m against 5.4 m on the I-80 lanes, whose leaders are
     /// often not recorded. With [`IdmParameters::PROPOSED`] it is 6.2 m and 6.6 m.
     pub const MOTORWAY: Self = Self {
@@ -68,10 +79,10 @@ impl IdmParameters {
     }
 }
 
-/// Everybody follows the vehicle ahead as the Intelligent Driver Model says and stays in the lane.
+/// Every vehicle follows the one ahead as the Intelligent Driver Model says and stays in the lane.
 ///
 /// The leader is the vehicle in the preceding slot at the last observed frame; it goes on at its
-/// speed of that moment. Where nobody is seen ahead, the road counts as empty: a vehicle at the edge
+/// speed of that moment. Where no vehicle is seen ahead, the road counts as empty: a vehicle at the edge
 /// of what was recorded sets off towards its desired speed. Both speeds are estimated from positions
 /// as [`ConstantVelocity`](crate::ConstantVelocity) does. Sideways the speed of
 /// the last moments dies away exponentially. No speed forward is ever below 0.
@@ -142,7 +153,7 @@ impl Idm {
         let (dt, settling) = (shape.dt(), self.parameters.settling);
         let (mut x, mut speed) = (0., vx.max(0.));
         let path = (1..=shape.t_pred).map(|j| {
-            // The acceleration holds for a frame ("ballistic" update), but nobody drives backwards.
+            // The acceleration holds for a frame ("ballistic" update), but no vehicle drives backwards.
             let acceleration = self.acceleration(speed, leader);
             let next = (speed + acceleration * dt).max(0.);
             let driving = if next > 0. || speed <= 0. { dt } else { speed / -acceleration };

@@ -3,17 +3,35 @@
 use std::f64::consts::TAU;
 
 use gnp_data::{Forecast, Observation, PredictError, Predictor, Window, WindowShape};
+use serde::{Deserialize, Serialize};
 
 use crate::motion::{BaselineError, certain};
+use crate::rule::{Rule, parameters, parsed};
 
 const NAME: &str = "Kalman filter";
+
+/// Most training windows that the noise is fitted to, evenly chosen: more do not change it.
+const FIT_WINDOWS: usize = 2000;
+
+/// The noise is fitted.
+pub(crate) const RULE: Rule = Rule::new(
+    NAME,
+    "Constant velocity disturbed by white acceleration, seen through noisy positions; the noise is fitted.",
+    |training| {
+        let step = training.len().div_ceil(FIT_WINDOWS).max(1);
+        let chosen: Vec<Window<'_>> = training.iter().step_by(step).copied().collect();
+        parameters(NAME, &Kalman::fit(&chosen)?)
+    },
+    |of| Ok(Box::new(Kalman::new(parsed::<Kalman>(NAME, of)?.noise)?)),
+);
 
 /// What is believed of a speed before anything is seen: 0 give or take this, m/s. Large enough that
 /// the second frame overrules it.
 const SPEED_BEFORE: f64 = 100.;
 
 /// How the filter's model is wrong along one axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct AxisNoise {
     /// Standard deviation of a recorded position about the true one, m.
     pub position: f64,
@@ -42,10 +60,11 @@ impl Gaussian {
 
 /// Constant velocity, disturbed by white acceleration, seen through noisy positions.
 ///
-/// Each axis is filtered for itself over all observed frames, from positions alone. The means go
-/// straight on with the last filtered velocity, which is at least 0 forward; the spreads are those
+/// Each axis is filtered for itself over all observed frames, from positions alone. The means keep
+/// the last filtered velocity, which is at least 0 forward; the spreads are those
 /// of a *recorded* position, noise included, and do not depend on what was observed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Kalman {
     noise: [AxisNoise; 2],
 }
@@ -168,11 +187,11 @@ impl Mean {
     }
 }
 
-/// What does not depend on the observations: a covariance follows from the noise and the clock alone.
+/// What does not depend on the observations: a covariance follows from the noise and the times alone.
 #[derive(Debug)]
 struct Filter {
     shape: WindowShape,
-    /// Share of an innovation that position and velocity (1/s) take, from the second frame on.
+    /// Fraction of an innovation that position and velocity (1/s) take, from the second frame on.
     gains: Vec<[f64; 2]>,
     /// Variance of a recorded position in each predicted frame, m².
     variances: Vec<f64>,

@@ -5,15 +5,23 @@
 //! observed frame from observed positions alone, by least squares over a stated time or by
 //! filtering, and give one future with probability 1. Units are m and s, positions are in the
 //! window's frame (origin at the last observed centre, x forward, y to the left).
+//!
+//! [`RULES`] is the one list of them. A further one is a file beside theirs and a line there; one of
+//! another crate is a [`Rule`] too.
 
 mod acceleration;
 mod idm;
 mod kalman;
 mod motion;
+mod rule;
 mod velocity;
 
 pub use crate::acceleration::ConstantAcceleration;
 pub use crate::idm::{Idm, IdmParameters, Leader};
 pub use crate::kalman::{AxisNoise, Gaussian, Kalman};
 pub use crate::motion::BaselineError;
+pub use crate::rule::{Parameters, Rule};
 pub use crate::velocity::ConstantVelocity;
+
+/// Every rule, in the order of tables.
+pub const RULES: &[Rule] = &[velocity::RULE, acceleration::RULE, kalman::RULE, idm::RULE];

@@ -32,6 +32,15 @@ pub enum BaselineError {
         "windows of several shapes, or with a single observed frame, cannot be fitted to; cut them alike, with 2 observed frames or more"
     )]
     Shapes,
+    /// Parameters of a rule that cannot be found or read.
+    #[error("{rule}: the parameters cannot be fitted or read; fit it anew to training windows")]
+    Rule {
+        /// Name of the rule.
+        rule: String,
+        /// What failed.
+        #[source]
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
 }
 
 /// Checks a time to estimate from.

@@ -1,13 +1,24 @@
 //! Constant velocity.
 
 use gnp_data::{Forecast, Observation, PredictError, Predictor};
+use serde::{Deserialize, Serialize};
 
 use crate::motion::{BaselineError, certain, check_span, periods, velocity};
+use crate::rule::{Rule, parameters, parsed};
 
 const NAME: &str = "constant velocity";
 
-/// Everybody goes on as they did over the last moments: the first thing to be better than.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Nothing is fitted: the span is [`ConstantVelocity::SPAN_S`].
+pub(crate) const RULE: Rule = Rule::new(
+    NAME,
+    "Every vehicle keeps the velocity of the last moments.",
+    |_| parameters(NAME, &ConstantVelocity::default()),
+    |of| Ok(Box::new(ConstantVelocity::new(parsed::<ConstantVelocity>(NAME, of)?.span_s)?)),
+);
+
+/// Every vehicle keeps the velocity of the last moments: the first thing to be better than.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ConstantVelocity {
     span_s: f64,
 }

@@ -10,7 +10,7 @@ use crate::error::EvalError;
 use crate::evaluate::{Evaluation, Sheet};
 use crate::metric::Direction;
 use crate::protocol::Protocol;
-use crate::score::{ALL_SITES, save_lines};
+use crate::score::{ALL_SITES, load_lines, save_lines};
 
 /// What a difference says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -166,6 +166,14 @@ fn sites(sheet: &Sheet) -> Vec<&str> {
 /// When the file cannot be written.
 pub fn save_comparisons(path: &Path, comparisons: &[Comparison]) -> Result<(), EvalError> {
     save_lines(path, comparisons)
+}
+
+/// Reads what [`save_comparisons`] wrote.
+///
+/// # Errors
+/// When the file cannot be read or is not a list of comparisons.
+pub fn load_comparisons(path: &Path) -> Result<Vec<Comparison>, EvalError> {
+    load_lines(path)
 }
 
 #[cfg(test)]

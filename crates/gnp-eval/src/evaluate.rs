@@ -22,7 +22,7 @@ use crate::sums::{Gatherer, MetricSums};
 pub struct EvalConfig {
     /// Subset of the split whose windows are scored: the test part, or the validation part as long as
     /// settings are being compared. [`evaluate`] takes the windows it is given.
-    pub part: Subset,
+    pub subset: Subset,
     /// Protocols to score under.
     pub protocols: Vec<Protocol>,
     /// Windows handed to a model at a time, at least; a batch ends with the vehicles of an instant
@@ -388,14 +388,13 @@ fn merge<K: Ord>(own: &mut BTreeMap<K, MetricSums>, more: BTreeMap<K, MetricSums
 fn admit(models: &[EvaluatedModel<'_>], protocols: &[Protocol]) -> Result<(), EvalError> {
     let mut names = BTreeSet::new();
     for model in models {
-        let uses_future = model.uses_future();
-        let model = model.name().to_owned();
-        let refusing = protocols.iter().find(|protocol| uses_future && !protocol.allows_future());
+        let name = model.name().to_owned();
+        let refusing = protocols.iter().find(|protocol| model.uses_future() && !protocol.allows_future());
         if let Some(protocol) = refusing {
-            return Err(EvalError::FutureInput { model, protocol: protocol.name() });
+            return Err(EvalError::FutureInput { model: name, protocol: protocol.name() });
         }
-        if !names.insert(model.clone()) {
-            return Err(EvalError::SameName { model });
+        if !names.insert(name.clone()) {
+            return Err(EvalError::SameName { model: name });
         }
     }
     Ok(())

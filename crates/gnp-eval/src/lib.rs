@@ -3,7 +3,8 @@
 //! [`evaluate`] asks models for forecasts window by window and holds them against what happened;
 //! the [`Evaluation`] it gives knows the sums of every [`Metric`] by vehicle, from which come values
 //! with intervals ([`Score`], `metrics.json`), comparisons ([`Evaluation::comparisons`],
-//! `differences.json`) and [`Table`]s, by site and, under `clean`, by [`Manoeuvre`]. Which metrics, and how many futures a model is asked for, is a [`Protocol`].
+//! `differences.json`) and [`Table`]s, by site and, under `clean`, by [`Manoeuvre`]; the [`Summary`] is
+//! one sentence and one small table. Which metrics, and how many futures a model is asked for, is a [`Protocol`].
 //! Forecasts go to and come from Parquet by [`PredictionWriter`] and [`read_predictions`]; what was
 //! read is a predictor in its turn, so anyone's forecasts can be scored.
 //!
@@ -20,12 +21,13 @@ mod metric;
 mod predictions;
 mod protocol;
 mod score;
+mod summary;
 mod sums;
 mod table;
 
 pub use crate::bootstrap::{Bootstrap, Difference, Interval};
 pub use crate::case::{Reference, ScoredWindow};
-pub use crate::comparison::{Comparison, Verdict, save_comparisons};
+pub use crate::comparison::{Comparison, Verdict, load_comparisons, save_comparisons};
 pub use crate::error::{EvalError, ForecastProblem, PredictionProblem};
 pub use crate::evaluate::{Batch, EvalConfig, EvaluatedModel, Evaluation, Setting, evaluate};
 pub use crate::manoeuvre::{BARE_CHANGE_M, BRAKE_MPS2, CHANGE_M, Manoeuvre};
@@ -36,5 +38,6 @@ pub use crate::predictions::{
 };
 pub use crate::protocol::Protocol;
 pub use crate::score::{ALL_SITES, Score, load_scores, save_scores};
+pub use crate::summary::{SiteSummary, Summary, SummaryModels, SummaryRow, SummaryValue};
 pub use crate::sums::{MetricSums, VehicleId};
 pub use crate::table::{Table, TableCell, TableHead, comparison_tables, csv, tables};

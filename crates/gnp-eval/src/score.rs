@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use gnp_data::Dataset;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::error::EvalError;
@@ -73,6 +74,11 @@ pub(crate) fn save_lines<T: Serialize>(path: &Path, items: &[T]) -> Result<(), E
 /// # Errors
 /// When the file cannot be read or is not a list of scores.
 pub fn load_scores(path: &Path) -> Result<Vec<Score>, EvalError> {
+    load_lines(path)
+}
+
+/// Reads what [`save_lines`] wrote.
+pub(crate) fn load_lines<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, EvalError> {
     let text = std::fs::read_to_string(path).map_err(|source| EvalError::Io { path: path.into(), source })?;
     serde_json::from_str(&text).map_err(|source| EvalError::Json { path: path.into(), source })
 }

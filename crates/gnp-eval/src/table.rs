@@ -5,6 +5,7 @@ mod content;
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, presets};
 
 pub use crate::table::content::{comparison_tables, tables};
+pub(crate) use crate::table::content::{site_name, sites};
 
 use crate::bootstrap::Interval;
 
@@ -52,6 +53,15 @@ impl TableCell {
         Self { text: text.into(), interval: None }
     }
 
+    /// On one line: the value, and its interval in brackets.
+    #[must_use]
+    pub fn with_interval(&self) -> String {
+        match self.interval_text() {
+            Some(interval) => format!("{} ({interval})", self.text),
+            None => self.text.clone(),
+        }
+    }
+
     /// `low to high`.
     fn interval_text(&self) -> Option<String> {
         self.interval.map(|interval| format!("{:.2} to {:.2}", interval.low, interval.high))
@@ -87,7 +97,11 @@ impl Table {
             }
         }
         let mut text = String::new();
-        for line in wrapped(&self.caption).iter().map(String::as_str).chain(table.to_string().lines()) {
+        for line in wrapped(&self.caption, usize::from(TERMINAL_WIDTH))
+            .iter()
+            .map(String::as_str)
+            .chain(table.to_string().lines())
+        {
             text += line.trim_end();
             text += "\n";
         }
@@ -103,11 +117,7 @@ impl Table {
         text += &line(self.header.iter().map(|title| escaped(title)).collect());
         text += &line((0..self.header.len()).map(|i| if i == 0 { "---" } else { "---:" }.to_owned()).collect());
         for row in &self.rows {
-            let cell = |cell: &TableCell| match cell.interval_text() {
-                Some(interval) => format!("{} ({interval})", cell.text),
-                None => escaped(&cell.text),
-            };
-            text += &line(row.iter().map(cell).collect());
+            text += &line(row.iter().map(|cell| escaped(&cell.with_interval())).collect());
         }
         text
     }
@@ -142,12 +152,12 @@ fn quoted(field: &str) -> String {
     }
 }
 
-/// Lines of at most [`TERMINAL_WIDTH`] characters, broken at spaces.
-fn wrapped(text: &str) -> Vec<String> {
+/// Lines of at most `width` characters, broken at spaces.
+pub(crate) fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {
         let line = lines.last().map_or(0, |line| line.chars().count());
-        if line > 0 && line + 1 + word.chars().count() > usize::from(TERMINAL_WIDTH) {
+        if line > 0 && line + 1 + word.chars().count() > width {
             lines.push(String::new());
         }
         if let Some(line) = lines.last_mut() {

@@ -1,5 +1,7 @@
 //! Ratios of two times measured in one run, held against limits.
 
+use gnp::Progress as _;
+use gnp_cli::Terminal;
 use std::hint::black_box;
 
 use anyhow::Result;
@@ -11,7 +13,6 @@ use super::clock::{self, Pair, Run};
 use super::limits::{Limit, Limits};
 use super::networks::{Goal, Lengths, NGSIM, Traj};
 use super::{cores, load, pool, table, traffic};
-use crate::terminal::Terminal;
 
 /// Turns of a loop that takes some 20 ms.
 const LOOP: u64 = 20_000_000;

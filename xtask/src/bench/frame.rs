@@ -1,5 +1,7 @@
 //! A whole frame: 25 vehicles, from observed tracks to the paths of 6 goals each.
 
+use gnp::Progress as _;
+use gnp_cli::Terminal;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -14,9 +16,8 @@ use gnp_traj::SocialForce;
 
 use super::clock::{self, Sample};
 use super::{load, pool, table};
-use crate::config::RunConfig;
 use crate::project;
-use crate::terminal::Terminal;
+use gnp::RunConfig;
 
 const VEHICLES: usize = 25;
 const GOALS: usize = 6;

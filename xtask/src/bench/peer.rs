@@ -1,5 +1,7 @@
 //! The reference programs in `xtask/peer/`, in a Python environment made for them.
 
+use gnp::Progress as _;
+use gnp_cli::Terminal;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::fs;
@@ -9,7 +11,6 @@ use std::process::{Command, Stdio};
 use anyhow::{Context as _, Result, bail};
 
 use crate::project;
-use crate::terminal::Terminal;
 
 /// Milliseconds per window by what was measured, such as `ngsim.traj.train`.
 pub(super) type Milliseconds = BTreeMap<String, f64>;
@@ -111,7 +112,7 @@ mod tests {
     #[test]
     fn a_missing_python_is_said_with_the_remedy() {
         let folder = tempfile::tempdir().unwrap();
-        let terminal = Terminal::start(true, false);
+        let terminal = Terminal::start(true, false, &gnp_cli::Program::default());
         let error = Python::prepare_at(&folder.path().join("venv"), "no-such-python", &terminal).unwrap_err();
         assert!(error.to_string().contains("no-such-python") && error.to_string().contains("install"), "{error}");
     }
@@ -121,7 +122,7 @@ mod tests {
     fn a_python_without_venv_is_said_with_the_remedy() {
         // `true` starts and succeeds, but makes no environment.
         let folder = tempfile::tempdir().unwrap();
-        let terminal = Terminal::start(true, false);
+        let terminal = Terminal::start(true, false, &gnp_cli::Program::default());
         let error = Python::prepare_at(&folder.path().join("venv"), "true", &terminal).unwrap_err();
         assert!(format!("{error:#}").contains("pip"), "{error:#}");
     }

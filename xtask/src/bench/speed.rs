@@ -1,5 +1,7 @@
 //! Milliseconds per window at the published sizes: ours, the floor, and PyTorch and JAX beside it.
 
+use gnp::Progress as _;
+use gnp_cli::Terminal;
 use std::collections::BTreeMap;
 
 use anyhow::Result;
@@ -11,7 +13,6 @@ use super::networks::{GOALS, Goal, HIGHD, Lengths, NGSIM, Traj};
 use super::peer::{Milliseconds, Python};
 use super::{floor, load, pool, table};
 use crate::cli::BenchArgs;
-use crate::terminal::Terminal;
 
 /// Repeats of a round, of which the median is taken; five times as many of what takes milliseconds.
 const REPEATS: usize = 3;

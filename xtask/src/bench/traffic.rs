@@ -10,8 +10,10 @@ use candle_core::Device;
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet, discover, read};
 use gnp_model::{AugmentedView, Features};
 
-use crate::config::RunConfig;
-use crate::{memory, project};
+use gnp::RunConfig;
+use gnp::memory;
+
+use crate::project;
 
 const LANES: usize = 5;
 /// Frames from one vehicle of a lane to the next.

@@ -90,7 +90,7 @@ fn documented(document: &str) -> Edges {
         let name = in_backticks(cells.next()?).into_iter().next()?;
         Some((name, in_backticks(cells.next()?)))
     })
-    .filter(|(name, _)| name == "xtask" || name.starts_with("gnp-"))
+    .filter(|(name, _)| name == "xtask" || name == "gnp" || name.starts_with("gnp-"))
     .collect()
 }
 

@@ -111,7 +111,7 @@ fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
 }
 
 /// The sites in order, all of them together last and only where there are several.
-fn sites<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+pub(crate) fn sites<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let mut sites = distinct(names);
     sites.sort_by_key(|site| *site == ALL_SITES);
     if let [_, ALL_SITES] = sites[..] {
@@ -120,7 +120,8 @@ fn sites<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     sites
 }
 
-fn site_name(site: &str) -> &str {
+/// The site as tables name it.
+pub(crate) fn site_name(site: &str) -> &str {
     if site == ALL_SITES { "all sites" } else { site }
 }
 

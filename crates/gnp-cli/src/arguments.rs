@@ -1,0 +1,373 @@
+//! The commands and their arguments.
+
+use std::path::PathBuf;
+
+use clap::{ArgGroup, Args, Subcommand, ValueEnum};
+use gnp::{Setting, Stage};
+
+use crate::names::{DatasetName, DeviceName, ProtocolName};
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+#[non_exhaustive]
+pub enum Command {
+    /// Do everything: ingest, train, evaluate, figures, report.
+    #[command(after_help = "\
+Examples:
+  gnp pipeline --dataset ngsim
+  gnp pipeline --dataset ngsim --out runs/short --set goal.epochs=3 --set modes.modes=40
+  gnp pipeline --resume --out runs/short       go on after Ctrl-C or a power cut
+  gnp pipeline --config configs/paper/highd.toml --data-dir D --device cuda
+
+Exit code: 0 done, 1 error, 2 wrong use, 130 interrupted (a checkpoint is kept).")]
+    Pipeline(PipelineArgs),
+    /// Read recordings, report their quality and count their windows: starts a run folder.
+    #[command(after_help = "\
+Examples:
+  gnp ingest --dataset ngsim --out runs/ngsim
+  gnp ingest --dataset highd --data-dir D --describe")]
+    Ingest(IngestArgs),
+    /// Find the intention modes and train the networks of a run, or one stage of that.
+    #[command(after_help = "\
+Examples:
+  gnp train --run runs/ngsim
+  gnp train --run runs/ngsim --stage goal --again
+
+modes: split the windows and cluster the futures of the training part. goal: the goal network.
+attraction and repulsion: the two halves of the neural social force.")]
+    Train(TrainArgs),
+    /// Find the intention modes: `train --stage modes`.
+    #[command(hide = true)]
+    Modes(StageArgs),
+    /// Train the goal network: `train --stage goal`.
+    #[command(hide = true)]
+    Goal(StageArgs),
+    /// Train the goal attraction: `train --stage attraction`.
+    #[command(hide = true)]
+    Attraction(StageArgs),
+    /// Train the repulsion: `train --stage repulsion`.
+    #[command(hide = true)]
+    Repulsion(StageArgs),
+    /// Score a trained run on its own windows or on other recordings, or score anybody's predictions.
+    #[command(aliases = ["eval", "score"])]
+    #[command(after_help = "\
+Examples:
+  gnp evaluate --run runs/ngsim                          on the windows that its split left for testing
+  gnp evaluate --run runs/ngsim --data-dir D --out scores
+  gnp evaluate --predictions theirs.parquet --run runs/ngsim --out scores
+  gnp evaluate --predictions theirs.parquet --dataset highd --data-dir D --protocol av2
+
+A file of predictions is in the Parquet schema of predictions.parquet and is scored beside constant
+velocity. With --run the windows are the run's test part, without it all windows of the data. A file
+that lacks a window is refused.")]
+    Evaluate(EvaluateArgs),
+    /// Train what is missing and score every system on the same windows: the paper's Table 1, ours.
+    #[command(alias = "table1")]
+    #[command(after_help = "\
+Examples:
+  gnp compare --dataset ngsim
+  gnp compare --dataset highd --data-dir D --out runs/table1-highd
+  gnp compare --dataset ngsim --resume         go on; a finished model is not trained again
+
+Writes table1.md, table1.csv, table1.json, differences.json and the figures table1-*.svg and .png to --out
+[default: runs/table1-NAME].")]
+    Compare(TableArgs),
+    /// Train and score the ablations of GNP: the paper's Table 2, ours.
+    #[command(alias = "table2")]
+    #[command(after_help = "\
+Example:
+  gnp ablate --dataset ngsim --resume")]
+    Ablate(TableArgs),
+    /// Draw the figures of a finished run, as SVG and PNG.
+    #[command(after_help = "\
+Examples:
+  gnp figures --run runs/ngsim
+  gnp figures --run runs/ngsim --data-dir D --out figures-of-d")]
+    Figures(FigureArgs),
+    /// Write report.html of a finished run: what was run, quality, scores, figures, a scene player.
+    #[command(after_help = "\
+Example:
+  gnp report --run runs/ngsim
+
+One file that needs no network: open runs/ngsim/report.html in a browser.")]
+    Report(ReportArgs),
+    /// Write the minute of the scene player as a file for the Rerun viewer; needs a build with the feature `rerun`.
+    #[command(after_help = "\
+Example:
+  gnp replay --run runs/ngsim --rrd ngsim.rrd
+  rerun ngsim.rrd                         the viewer, from `pip install rerun-sdk` of the version that is printed")]
+    Replay(ReplayArgs),
+}
+
+/// A whole run.
+#[derive(Clone, Debug, Args)]
+pub struct PipelineArgs {
+    /// Which run.
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// Print all tables of scores at the end, as in metrics.md.
+    #[arg(long)]
+    pub(crate) tables: bool,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// Recordings to read.
+#[derive(Clone, Debug, Args)]
+pub struct IngestArgs {
+    /// Which run.
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// Print which files and columns are read, with their units, and what is found; write nothing.
+    #[arg(long)]
+    pub(crate) describe: bool,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// Which data, which configuration, where to.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct RunArgs {
+    /// Kind of data; picks configs/ngsim.toml or configs/highd.toml unless --config is given.
+    #[arg(long, value_enum)]
+    pub(crate) dataset: Option<DatasetName>,
+    /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// Configuration; every key must be written in it.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Run folder to write [default: runs/ and the name of the configuration].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Go on with an unfinished run folder: finished stages are skipped, a training continues.
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Override a key of the configuration, such as goal.epochs=3; repeatable.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<Setting>,
+}
+
+/// What to train.
+#[derive(Clone, Debug, Args)]
+pub struct TrainArgs {
+    /// One stage instead of all that are not finished.
+    #[arg(long, value_enum)]
+    pub(crate) stage: Option<StageName>,
+    /// Where.
+    #[command(flatten)]
+    pub(crate) on: StageArgs,
+}
+
+/// `--stage`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum StageName {
+    /// The split and the intention modes.
+    Modes,
+    /// The goal network.
+    Goal,
+    /// The goal attraction.
+    Attraction,
+    /// The repulsion of vehicles and lane lines.
+    Repulsion,
+}
+
+impl From<StageName> for Stage {
+    fn from(name: StageName) -> Self {
+        match name {
+            StageName::Modes => Self::Modes,
+            StageName::Goal => Self::Goal,
+            StageName::Attraction => Self::Attraction,
+            StageName::Repulsion => Self::Repulsion,
+        }
+    }
+}
+
+/// A stage of an existing run folder.
+#[derive(Clone, Debug, Args)]
+pub struct StageArgs {
+    /// The run folder; `gnp ingest` starts one.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// Do what is finished over; stages that build on it must then be run again too.
+    #[arg(long)]
+    pub(crate) again: bool,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to score, on what, where to.
+#[derive(Clone, Debug, Args)]
+#[command(group = ArgGroup::new("what").args(["run", "predictions"]).required(true).multiple(true))]
+pub struct EvaluateArgs {
+    /// The trained run: its model is scored, or others' predictions on its test part.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: Option<PathBuf>,
+    /// Predictions to score instead of a model's.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) predictions: Option<PathBuf>,
+    /// Folder (or file) of other recordings to score on.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// Folder for scores on other recordings or of others' predictions; must not exist or be empty.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Kind of data that the predictions are for.
+    #[arg(long, value_enum, requires = "predictions")]
+    pub(crate) dataset: Option<DatasetName>,
+    /// Configuration that says how windows are cut for predictions [default: that of the data set].
+    #[arg(long, value_name = "FILE", requires = "predictions", conflicts_with = "run")]
+    pub(crate) config: Option<PathBuf>,
+    /// Override a key of that configuration, such as windows.stride_s=1.0; repeatable.
+    #[arg(long = "set", value_name = "KEY=VALUE", requires = "predictions", conflicts_with = "run")]
+    pub(crate) set: Vec<Setting>,
+    /// Protocol for predictions; repeatable [default: those of the configuration].
+    #[arg(long, value_enum, requires = "predictions")]
+    pub(crate) protocol: Vec<ProtocolName>,
+    /// Score the run's own windows over.
+    #[arg(long, conflicts_with_all = ["predictions", "data_dir"])]
+    pub(crate) again: bool,
+    /// Print all tables, as in metrics.md.
+    #[arg(long)]
+    pub(crate) tables: bool,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to report on.
+#[derive(Clone, Debug, Args)]
+pub struct ReportArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to replay, where to.
+#[derive(Clone, Debug, Args)]
+pub struct ReplayArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// File to write; one that is there is replaced.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) rrd: PathBuf,
+    /// Vehicle whose forecasts are shown at first [default: of the test part the one that moves sideways most].
+    #[arg(long, value_name = "NUMBER")]
+    pub(crate) vehicle: Option<u32>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to draw, where to.
+#[derive(Clone, Debug, Args)]
+pub struct FigureArgs {
+    /// The finished run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// Folder (or file) of other recordings of the same kind and rate to draw scenes of.
+    #[arg(long, value_name = "DIR", requires = "out")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// Folder for the figures [default: figures in the run folder]; figures there are replaced.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// Which table.
+#[derive(Clone, Debug, Args)]
+pub struct TableArgs {
+    /// Data, configuration of GNP, and folder of the table.
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// Recipes of the neural baselines [default: those of configs/neural-baselines.toml]; ablate has none.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) recipes: Option<PathBuf>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// The machine, and how much is said.
+#[derive(Clone, Debug, Args)]
+pub struct MachineArgs {
+    /// Where tensors live; cuda and metal need a build with the feature of that name.
+    #[arg(long, value_enum, default_value_t = DeviceName::Cpu)]
+    pub(crate) device: DeviceName,
+    /// Number of threads [default: all cores]; results do not depend on it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) threads: Option<u16>,
+    /// No progress, only warnings and tables.
+    #[arg(long, short)]
+    pub(crate) quiet: bool,
+    /// Log what the libraries do, on stderr.
+    #[arg(long, short, conflicts_with = "quiet")]
+    pub(crate) verbose: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{CommandFactory as _, Parser as _};
+
+    use super::*;
+
+    #[derive(Debug, clap::Parser)]
+    struct Cli {
+        #[command(subcommand)]
+        command: Command,
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn settings_and_flags_are_understood() {
+        let cli = Cli::try_parse_from(["gnp", "pipeline", "--dataset", "highd", "--set", "goal.epochs=3", "--quiet"]);
+        let Command::Pipeline(PipelineArgs { run, machine, .. }) = cli.unwrap().command else { panic!("not pipeline") };
+        assert_eq!(run.dataset, Some(DatasetName::Highd));
+        assert_eq!(run.set, [Setting { key: "goal.epochs".into(), text: "3".into() }]);
+        assert!(machine.quiet && machine.device == DeviceName::Cpu);
+    }
+
+    #[test]
+    fn earlier_names_are_understood() {
+        for line in [
+            &["gnp", "goal", "--run", "a", "--again"][..],
+            &["gnp", "eval", "--run", "a", "--data-dir", "d", "--out", "o"],
+            &["gnp", "score", "--predictions", "f", "--dataset", "ngsim", "--run", "a", "--protocol", "clean"],
+            &["gnp", "score", "--predictions", "f", "--dataset", "highd", "--config", "c", "--set", "a.b=1"],
+            &["gnp", "table1", "--dataset", "ngsim", "--recipes", "r"],
+            &["gnp", "table2", "--dataset", "ngsim", "--resume"],
+        ] {
+            assert!(Cli::try_parse_from(line).is_ok(), "{line:?}");
+        }
+    }
+
+    #[test]
+    fn wrong_use_is_refused() {
+        for line in [
+            &["gnp"][..],
+            &["gnp", "pipeline", "--dataset", "waymo"],
+            &["gnp", "goal"],
+            &["gnp", "pipeline", "--dataset", "ngsim", "--set", "goal.epochs"],
+            &["gnp", "pipeline", "--dataset", "ngsim", "--threads", "0"],
+            &["gnp", "evaluate"],
+            &["gnp", "evaluate", "--run", "a", "--protocol", "av2"],
+            &["gnp", "evaluate", "--run", "a", "--data-dir", "d", "--again"],
+            &["gnp", "train", "--run", "a", "--stage", "evaluate"],
+        ] {
+            assert!(Cli::try_parse_from(line).is_err(), "{line:?}");
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! What each command does.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use gnp::text::duration;
+use gnp::{
+    Machine, Plan, PredictionsOn, Progress as _, Recipes, Run, RunConfig, Stage, memory, score_predictions,
+    score_recordings,
+};
+use gnp_data::Dataset;
+use gnp_eval::Protocol;
+
+use crate::arguments::{
+    Command, EvaluateArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs, RunArgs, StageArgs, TableArgs,
+    TrainArgs,
+};
+use crate::names::DatasetName;
+use crate::program::Program;
+use crate::terminal::Terminal;
+
+pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
+    match command {
+        Command::Pipeline(args) => pipeline(args, program),
+        Command::Ingest(args) if args.describe => describe(args, program),
+        Command::Ingest(args) => ingest(args, program),
+        Command::Train(TrainArgs { stage, on }) => train(on, stage.map(Stage::from), program),
+        Command::Modes(on) => train(on, Some(Stage::Modes), program),
+        Command::Goal(on) => train(on, Some(Stage::Goal), program),
+        Command::Attraction(on) => train(on, Some(Stage::Attraction), program),
+        Command::Repulsion(on) => train(on, Some(Stage::Repulsion), program),
+        Command::Evaluate(args) => evaluate(args, program),
+        Command::Compare(args) => table(args, "table1", program),
+        Command::Ablate(args) => table(args, "table2", program),
+        Command::Figures(args) => figures(args, program),
+        Command::Report(args) => report(args, program),
+        Command::Replay(args) => replay(args, program),
+    }
+}
+
+/// The command that goes on with what an interrupted one left in `folder`.
+pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
+    let folder = folder.display();
+    let table = |verb: &str, run: &RunArgs| {
+        let dataset = run.dataset.map_or_else(String::new, |dataset| format!(" --dataset {}", dataset.as_str()));
+        Some(format!("gnp {verb}{dataset} --resume --out {folder}"))
+    };
+    match command {
+        Command::Compare(args) => table("compare", &args.run),
+        Command::Ablate(args) => table("ablate", &args.run),
+        _ => Some(format!("gnp pipeline --resume --out {folder}")),
+    }
+}
+
+fn pipeline(args: &PipelineArgs, program: &Program) -> Result<()> {
+    let started = Instant::now();
+    let machine = crate::machine(&args.machine, program)?;
+    let mut run = plan(&args.run, program)?.begin(&machine)?;
+    run.complete()?;
+    let root = run.path().display();
+    machine.progress.note(&format!(
+        "done in {}, peak memory {}: {root}\n  scores: {root}/metrics.md; curves: tensorboard --logdir {root}/events",
+        duration(started.elapsed()),
+        memory::peak_text()
+    ));
+    Ok(())
+}
+
+fn ingest(args: &IngestArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let run = plan(&args.run, program)?.ingest(&machine)?;
+    let root = run.path().display();
+    machine.progress.note(&format!("{root} is ready; next: `gnp train --run {root}`"));
+    Ok(())
+}
+
+fn describe(args: &IngestArgs, program: &Program) -> Result<()> {
+    let terminal = Terminal::start(args.machine.quiet, args.machine.verbose, program);
+    let run = &args.run;
+    let datasets = match (run.dataset, &run.config) {
+        (None, None) => vec![Dataset::Ngsim, Dataset::HighD],
+        _ => vec![resolve(run)?.0.dataset],
+    };
+    if let (Some(dir), true) = (&run.data_dir, datasets.len() > 1) {
+        bail!("give --dataset to see what is in {}", dir.display());
+    }
+    for dataset in datasets {
+        terminal.result(&gnp::describe(dataset, run.data_dir.as_deref())?);
+    }
+    Ok(())
+}
+
+fn train(args: &StageArgs, stage: Option<Stage>, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let mut run = Run::open(&args.run, &machine)?;
+    run.say_data();
+    if args.again {
+        run.forget(stage.unwrap_or(Stage::Modes))?;
+    }
+    match stage {
+        Some(stage) => run.perform(stage)?,
+        None => run.train()?,
+    }
+    Ok(())
+}
+
+fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    match (&args.predictions, &args.run, &args.data_dir) {
+        (Some(file), ..) => evaluate_predictions(args, file, &machine),
+        (None, Some(folder), None) => {
+            if args.out.is_some() {
+                bail!("--out is for other recordings (--data-dir); scores on a run's own windows stay in its folder");
+            }
+            let mut run = Run::open(folder, &machine)?;
+            run.say_data();
+            if args.again {
+                run.forget(Stage::Evaluate)?;
+            }
+            Ok(run.perform(Stage::Evaluate)?)
+        }
+        (None, Some(folder), Some(data)) => {
+            let Some(out) = &args.out else { bail!("give a folder for the scores on other recordings: --out DIR") };
+            let run = Run::open(folder, &machine)?;
+            let (_, place) = score_recordings(&run, data, out)?;
+            machine.progress.note(&format!("scores: {}", place.join("metrics.md").display()));
+            Ok(())
+        }
+        (None, None, _) => bail!("give a run to score (--run DIR), or predictions (--predictions FILE)"),
+    }
+}
+
+fn evaluate_predictions(args: &EvaluateArgs, file: &Path, machine: &Machine) -> Result<()> {
+    let on = match &args.run {
+        Some(folder) if args.data_dir.is_some() => {
+            bail!("--data-dir and --run {}: give the run, for its test part, or other recordings", folder.display())
+        }
+        Some(folder) => {
+            let dataset = Run::open(folder, machine)?.config().dataset;
+            if let Some(asked) = args.dataset
+                && Dataset::from(asked) != dataset
+            {
+                bail!("--dataset {} but {} is of other data", asked.as_str(), folder.display());
+            }
+            PredictionsOn::Run(folder.clone())
+        }
+        None => {
+            let (config, _) = resolve(&RunArgs {
+                dataset: args.dataset,
+                data_dir: None,
+                config: args.config.clone(),
+                out: None,
+                resume: false,
+                set: args.set.clone(),
+            })?;
+            PredictionsOn::Recordings { config: Box::new(config), data: args.data_dir.clone() }
+        }
+    };
+    let protocols: Vec<Protocol> = args.protocol.iter().map(|name| (*name).into()).collect();
+    score_predictions(file, &on, &protocols, args.out.as_deref(), machine)?;
+    Ok(())
+}
+
+fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<()> {
+    let (config, name) = resolve(&args.run)?;
+    let out = args.run.out.clone().unwrap_or_else(|| program.run_folder(&format!("{stem}-{name}")));
+    let mut plan = Plan::new(config, args.run.data_dir.clone(), out);
+    plan.resume = args.run.resume;
+    if stem == "table2" {
+        return Ok(gnp::ablate(&plan, &crate::machine(&args.machine, program)?)?);
+    }
+    let recipes = args.recipes.as_ref().map_or_else(Recipes::embedded, |path| Recipes::read(path))?;
+    Ok(gnp::compare(&plan, &recipes, &crate::machine(&args.machine, program)?)?)
+}
+
+fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let run = Run::finished(&args.run, &machine)?;
+    let out = args.out.clone().unwrap_or_else(|| run.path().join("figures"));
+    let figures = gnp::draw_figures(&run, args.data_dir.as_deref(), &out)?;
+    for figure in &figures {
+        machine.progress.result(&format!("{}: {}", figure.name, figure.caption));
+    }
+    machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", figures.len(), out.display()));
+    Ok(())
+}
+
+fn report(args: &ReportArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let (page, _) = gnp::write_report(&Run::finished(&args.run, &machine)?)?;
+    machine.progress.result(&format!("report: {}", page.display()));
+    Ok(())
+}
+
+fn replay(args: &ReplayArgs, program: &Program) -> Result<()> {
+    let (run, rrd) = (args.run.display(), args.rrd.display());
+    if let Err(error) = gnp::can_replay() {
+        let command = program.with_feature("rerun");
+        bail!("{error}; run `{command} replay --run {run} --rrd {rrd}`, which compiles Rerun first");
+    }
+    let machine = crate::machine(&args.machine, program)?;
+    let replayed = gnp::write_replay(&Run::finished(&args.run, &machine)?, &args.rrd, args.vehicle)?;
+    machine.progress.result(&format!(
+        "replay: {rrd}, {}, {} vehicles, {} forecasts; opens with `rerun {rrd}` of version {}",
+        replayed.heading, replayed.vehicles, replayed.forecasts, replayed.viewer
+    ));
+    Ok(())
+}
+
+/// The run that the command line names.
+fn plan(args: &RunArgs, program: &Program) -> Result<Plan> {
+    let out = |name: &str| args.out.clone().unwrap_or_else(|| program.run_folder(name));
+    // A run is gone on with as it was told, unless the command line says more than where it is and what it is of.
+    if args.resume && args.config.is_none() && args.set.is_empty() {
+        let there: Option<PathBuf> = match (&args.out, args.dataset) {
+            (Some(out), _) => Some(out.clone()),
+            (None, Some(dataset)) => Some(out(dataset.as_str())),
+            (None, None) => None,
+        };
+        if let Some(place) = there {
+            let mut plan = Plan::resume(place);
+            plan.data.clone_from(&args.data_dir);
+            plan.dataset = args.dataset.map(Dataset::from);
+            if plan.is_started()? {
+                return Ok(plan);
+            }
+        }
+    }
+    let (config, name) = resolve(args)?;
+    let mut plan = Plan::new(config, args.data_dir.clone(), out(&name));
+    plan.resume = args.resume;
+    Ok(plan)
+}
+
+/// The configuration that the command line asks for, and the name it gives a run.
+fn resolve(args: &RunArgs) -> Result<(RunConfig, String)> {
+    let (config, name, shown) = match (&args.config, args.dataset) {
+        (Some(path), _) => {
+            let name = path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
+            (RunConfig::read(path, &args.set)?, name, path.display().to_string())
+        }
+        (None, Some(dataset)) => {
+            let name = DatasetName::as_str(dataset);
+            (RunConfig::embedded(name, &args.set)?, name.to_owned(), format!("configs/{name}.toml"))
+        }
+        (None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config FILE"),
+    };
+    if let Some(asked) = args.dataset
+        && Dataset::from(asked) != config.dataset
+    {
+        bail!("--dataset {} but {shown} is for {}", asked.as_str(), gnp::dataset_name(config.dataset));
+    }
+    Ok((config, name))
+}

@@ -1,0 +1,89 @@
+//! The command line of GNP. The program `gnp` and the project's own `cargo xtask` run the same commands.
+
+mod arguments;
+mod commands;
+mod names;
+mod program;
+mod terminal;
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result};
+use candle_core::Device;
+use gnp::{Machine, Stop};
+
+pub use crate::arguments::{Command, MachineArgs};
+use crate::names::DeviceName;
+pub use crate::program::Program;
+pub use crate::terminal::Terminal;
+
+/// Exit code of an interrupted program: 128 and the number of SIGINT.
+const INTERRUPTED: u8 = 130;
+
+/// Runs a command, prints what goes wrong, and says how the program ends.
+pub fn run(command: &Command, program: &Program) -> ExitCode {
+    match commands::dispatch(command, program) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => report(&error, program, |folder| commands::to_go_on(command, folder)),
+    }
+}
+
+/// Prints an error and says how the program ends; `to_go_on` is the command that goes on from a folder.
+pub fn report(error: &anyhow::Error, program: &Program, to_go_on: impl FnOnce(&Path) -> Option<String>) -> ExitCode {
+    let text = format!("{error:#}");
+    match error.chain().find_map(|cause| cause.downcast_ref::<gnp::Error>()).and_then(gnp::Error::kept) {
+        None => {
+            eprintln!("error: {}", program.named(&text));
+            ExitCode::FAILURE
+        }
+        Some(kept) => {
+            let hint = kept.and_then(|folder| to_go_on(folder)).map(|command| format!("; go on with `{command}`"));
+            eprintln!("{}", program.named(&(text + &hint.unwrap_or_default())));
+            ExitCode::from(INTERRUPTED)
+        }
+    }
+}
+
+/// The machine that the arguments ask for, shown on a terminal and stopped by Ctrl-C; once a program.
+///
+/// # Errors
+/// When the device is not in this build or not in this computer.
+pub fn machine(args: &MachineArgs, program: &Program) -> Result<Machine> {
+    let terminal = Terminal::start(args.quiet, args.verbose, program);
+    let stop = on_ctrl_c()?;
+    if let Some(threads) = args.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
+        pool.build_global().context("cannot set the number of threads")?;
+    }
+    Ok(Machine::new(device(args.device, program)?, Arc::new(terminal), stop))
+}
+
+fn device(name: DeviceName, program: &Program) -> Result<Device> {
+    let (device, feature) = match name {
+        DeviceName::Cpu => return Ok(Device::Cpu),
+        DeviceName::Cuda => (Device::new_cuda(0), "cuda"),
+        DeviceName::Metal => (Device::new_metal(0), "metal"),
+    };
+    device.with_context(|| {
+        format!(
+            "--device {feature} cannot be used; build with `{} ...` on a computer that has one, or take --device cpu",
+            program.with_feature(feature)
+        )
+    })
+}
+
+/// What the first Ctrl-C asks to stop; the second ends the program at once.
+fn on_ctrl_c() -> Result<Stop> {
+    let stop = Stop::new();
+    let asked = stop.clone();
+    let set = ctrlc::set_handler(move || {
+        if asked.request() {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        eprintln!("\nstopping at the next safe point; press Ctrl-C again to stop at once");
+    });
+    set.context("cannot listen for Ctrl-C")?;
+    Ok(stop)
+}

@@ -1,0 +1,89 @@
+//! What the program is called: `gnp`, or `cargo xtask` in the project's own folder.
+
+use std::path::PathBuf;
+
+/// The one place that knows the program's name. Messages and help texts are written with `gnp`.
+#[derive(Clone, Debug)]
+pub struct Program {
+    name: &'static str,
+    package: &'static str,
+    /// Folder that runs go to unless the command line says otherwise.
+    runs: PathBuf,
+}
+
+impl Default for Program {
+    /// The program `gnp`, whose runs go to `runs` in the current folder.
+    fn default() -> Self {
+        Self::new("gnp", "gnp-cli", "runs")
+    }
+}
+
+impl Program {
+    /// A program that is called by `name`, built from the cargo package `package`, whose runs go to `runs`.
+    #[must_use]
+    pub fn new(name: &'static str, package: &'static str, runs: impl Into<PathBuf>) -> Self {
+        Self { name, package, runs: runs.into() }
+    }
+
+    /// Its name, as typed.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Where a run of that name goes.
+    pub(crate) fn run_folder(&self, name: &str) -> PathBuf {
+        self.runs.join(name)
+    }
+
+    /// The command that starts it built with a feature.
+    pub(crate) fn with_feature(&self, feature: &str) -> String {
+        format!("cargo run --package {} --features {feature} --", self.package)
+    }
+
+    /// A text with the commands in it under the program's name: those in backticks, and those that begin a line.
+    pub(crate) fn named(&self, text: &str) -> String {
+        if self.name == "gnp" {
+            return text.to_owned();
+        }
+        let text = text.replace("`gnp ", &format!("`{} ", self.name));
+        let line = |line: &str| match line.trim_start().strip_prefix("gnp ") {
+            Some(rest) => format!("{}{} {rest}", &line[..line.len() - line.trim_start().len()], self.name),
+            None => line.to_owned(),
+        };
+        text.split('\n').map(line).collect::<Vec<_>>().join("\n")
+    }
+
+    /// A command line under the program's name.
+    #[must_use]
+    pub fn commands(&self, command: clap::Command) -> clap::Command {
+        self.texts(command.name(self.name).bin_name(self.name))
+    }
+
+    fn texts(&self, mut command: clap::Command) -> clap::Command {
+        if let Some(text) = command.get_after_help().map(ToString::to_string) {
+            command = command.after_help(self.named(&text));
+        }
+        let named = |arg: clap::Arg| match arg.get_help().map(ToString::to_string) {
+            Some(text) => arg.help(self.named(&text)),
+            None => arg,
+        };
+        command.mut_args(named).mut_subcommands(|inner| self.texts(inner))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_take_the_name_of_the_program() {
+        let text = "run `gnp train --run a` first\n  gnp ingest --out a\nthe gnp model stays";
+        assert_eq!(Program::default().named(text), text);
+        let xtask = Program::new("cargo xtask", "xtask", "runs");
+        assert_eq!(
+            xtask.named(text),
+            "run `cargo xtask train --run a` first\n  cargo xtask ingest --out a\nthe gnp model stays"
+        );
+    }
+}

@@ -1,0 +1,154 @@
+//! The main job from end to end on two real scenes, with tiny networks.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::program::{data, names, program, run, smoke};
+
+const SCENES: [&str; 2] = ["ngsim/us101-13_1.csv.gz", "ngsim/us101-24_1.csv.gz"];
+
+/// Arguments of a pipeline on `data` into `out`.
+fn pipeline<'a>(data: &'a Path, out: &'a Path, config: &'a Path, more: &[&'a str]) -> Vec<&'a str> {
+    let mut arguments = vec!["pipeline", "--config", config.to_str().unwrap(), "--data-dir", data.to_str().unwrap()];
+    arguments.extend(["--out", out.to_str().unwrap()]);
+    arguments.extend(more);
+    arguments
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let first = out.path().join("first");
+    let finished = run(&pipeline(data.path(), &first, &config, &["--threads", "1"])).well();
+    assert!(finished.out.starts_with("Data: NGSIM recordings in "), "{}", finished.out);
+    assert!(finished.err.contains("rows/s; peak memory"), "{}", finished.err);
+
+    for file in [
+        "attraction.safetensors",
+        "config.toml",
+        "differences.json",
+        "events",
+        "goal.last.safetensors",
+        "goal.safetensors",
+        "history-goal.json",
+        "ingest.json",
+        "ingest.txt",
+        "metrics.json",
+        "metrics.md",
+        "modes.safetensors",
+        "predictions.parquet",
+        "recordings",
+        "repulsion.safetensors",
+        "run.json",
+        "split.json",
+    ] {
+        assert!(first.join(file).exists(), "no {file} in {:?}", names(&first));
+    }
+    assert!(!names(&first).iter().any(|name| name.starts_with('.')), "{:?}", names(&first));
+    assert_eq!(names(out.path()), ["first"]);
+
+    let scores = json(&first.join("metrics.json"));
+    for model in
+        ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM"]
+    {
+        let rmse = scores.as_array().unwrap().iter().find(|score| {
+            score["model"] == model
+                && score["metric"] == "rmse_at"
+                && score["protocol"] == "clean"
+                && score["horizon_s"] == 5.
+        });
+        let rmse = rmse.unwrap_or_else(|| panic!("no score of {model}"));
+        assert_eq!(rmse["site"], "us-101");
+        assert!(rmse["value"].as_f64().unwrap() > 0.);
+    }
+    let markdown = fs::read_to_string(first.join("metrics.md")).unwrap();
+    for part in ["protocol clean", "split by vehicle", "10 Hz", "windows", "vehicles"] {
+        assert!(markdown.contains(part), "no `{part}` in:\n{markdown}");
+    }
+
+    // In steps and on another number of threads: the same scores, to the last digit.
+    let second = out.path().join("second");
+    let mut ingest = pipeline(data.path(), &second, &config, &[]);
+    ingest[0] = "ingest";
+    run(&ingest).well();
+    run(&["goal", "--run", second.to_str().unwrap()]).badly(&["cargo xtask modes"]);
+    run(&["modes", "--run", second.to_str().unwrap()]).well();
+    run(&["goal", "--run", second.to_str().unwrap(), "--threads", "2"]).well();
+    let resumed =
+        run(&["pipeline", "--resume", "--out", second.to_str().unwrap(), "--config", config.to_str().unwrap()]);
+    assert!(resumed.well().err.contains("goal: finished before"));
+    for file in ["split.json", "metrics.json", "history-goal.json", "history-repulsion.json"] {
+        assert!(fs::read(first.join(file)).unwrap() == fs::read(second.join(file)).unwrap(), "{file} differs");
+    }
+
+    // Another configuration is no resume, and a finished run is not overwritten.
+    run(&pipeline(data.path(), &first, &config, &["--resume", "--set", "traj.hidden=9"]))
+        .badly(&["cannot resume", "`traj.hidden` is 9 and was 8"]);
+    run(&pipeline(data.path(), &first, &config, &[])).badly(&["not empty", "--resume"]);
+    let again = run(&["evaluate", "--run", first.to_str().unwrap(), "--quiet"]).well();
+    assert_eq!(again.err, "");
+
+    // On other recordings every window is a test window.
+    let other = crate::program::data(&["ngsim/us101-23_1.csv.gz"]);
+    let scored = out.path().join("scored");
+    let arguments = ["eval", "--run", first.to_str().unwrap(), "--data-dir", other.path().to_str().unwrap(), "--out"];
+    run(&[&arguments[..], &[scored.to_str().unwrap()]].concat()).well();
+    assert_eq!(
+        names(&scored),
+        [
+            "differences.json",
+            "eval.json",
+            "ingest.json",
+            "ingest.txt",
+            "metrics.json",
+            "metrics.md",
+            "predictions.parquet",
+        ]
+    );
+    let windows = json(&scored.join("eval.json"))["windows"].as_u64().unwrap();
+    let ingested = json(&scored.join("ingest.json"))["recordings"][0]["windows"]["windows"].as_u64().unwrap();
+    assert_eq!(windows, ingested);
+}
+
+#[test]
+fn simulated_recordings_are_called_so() {
+    let out = TempDir::new().unwrap();
+    let place = out.path().join("run");
+    let arguments =
+        ["ingest", "--dataset", "highd", "--out", place.to_str().unwrap(), "--set", "data.max_recordings=1"];
+    let finished = run(&arguments).well();
+    assert!(finished.out.starts_with("Data: *simulated*"), "{}", finished.out);
+    assert!(fs::read_to_string(place.join("ingest.txt")).unwrap().contains("*simulated*"));
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_a_checkpoint_that_a_resume_goes_on_from() {
+    use std::process::{Command, Stdio};
+    use std::time::Duration;
+
+    let (data, out, config) = (data(&SCENES[..1]), TempDir::new().unwrap(), smoke());
+    let place = out.path().join("run");
+    let arguments = pipeline(data.path(), &place, &config, &["--set", "goal.epochs=60"]);
+    let mut running = program(&arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    while !place.join("goal.last.safetensors").exists() {
+        assert!(running.try_wait().unwrap().is_none(), "ended before the first epoch");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let sent = Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    let ended = running.wait_with_output().unwrap();
+    let message = String::from_utf8(ended.stderr).unwrap();
+    assert_eq!(ended.status.code(), Some(130), "{message}");
+    assert!(message.contains("cargo xtask pipeline --resume --out"), "{message}");
+    run(&["pipeline", "--resume", "--out", place.to_str().unwrap()]).well();
+    let history = json(&place.join("history-goal.json"));
+    assert_eq!(history["epochs"].as_array().unwrap().len(), 60);
+}

@@ -1,0 +1,305 @@
+//! A run's configuration: one TOML file, every key written, any key overridden on the command line.
+
+mod keys;
+
+use std::fs;
+use std::path::Path;
+
+use crate::error::{Context as _, Error, Result, bail};
+use gnp_data::{Dataset, SplitConfig, WindowConfig};
+use gnp_eval::EvalConfig;
+use gnp_goal::GoalConfig;
+use gnp_model::{FeatureConfig, NeighbourFuture, Selection};
+use gnp_modes::ModeParams;
+use gnp_train::{GoalTraining, PathTraining, TrainConfig};
+use gnp_traj::TrajConfig;
+use serde::{Deserialize, Serialize};
+use toml::Table;
+
+pub use self::keys::Setting;
+
+/// Writes every key: what is known is what stands in it.
+const REFERENCE: &str = include_str!("../configs/smoke.toml");
+
+/// The configurations that come with the project.
+const EMBEDDED: [(&str, &str); 5] = [
+    ("ngsim", include_str!("../configs/ngsim.toml")),
+    ("highd", include_str!("../configs/highd.toml")),
+    ("smoke", REFERENCE),
+    ("paper/ngsim", include_str!("../configs/paper/ngsim.toml")),
+    ("paper/highd", include_str!("../configs/paper/highd.toml")),
+];
+
+/// Everything a run is told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// Kind of data.
+    pub dataset: Dataset,
+    /// Added to the seeds of modes and trainings, and draws the first weights; the split keeps its
+    /// own, so that runs with other seeds are scored on the same windows.
+    pub seed: u64,
+    /// The recordings.
+    pub data: DataConfig,
+    /// How recordings are cut.
+    pub windows: WindowConfig,
+    /// How windows are parted.
+    pub split: SplitConfig,
+    /// How modes are searched.
+    pub modes: ModeParams,
+    /// How windows become numbers.
+    pub features: FeatureConfig,
+    /// The goal network and its training.
+    pub goal: GoalSection,
+    /// The social force's networks.
+    pub traj: TrajConfig,
+    /// Training of the attraction.
+    pub attraction: PathSection,
+    /// Training of the repulsion.
+    pub repulsion: PathSection,
+    /// How forecasts are made.
+    pub predict: PredictConfig,
+    /// How they are scored.
+    pub evaluate: EvalConfig,
+}
+
+/// `[data]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DataConfig {
+    /// Frames per second that every recording must have.
+    pub rate_hz: f64,
+    /// Files or file groups to read, the first by name; 0 reads all.
+    pub max_recordings: usize,
+}
+
+/// `[goal]`: the network, what it learns, how it is trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GoalSection {
+    /// Form of the network.
+    #[serde(flatten)]
+    pub net: GoalConfig,
+    /// Its loss and augmentation.
+    #[serde(flatten)]
+    pub loss: GoalTraining,
+    /// The loop.
+    #[serde(flatten)]
+    pub train: TrainConfig,
+}
+
+/// `[attraction]` and `[repulsion]`: what is learned, and how.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PathSection {
+    /// Noise and augmentation.
+    #[serde(flatten)]
+    pub loss: PathTraining,
+    /// The loop.
+    #[serde(flatten)]
+    pub train: TrainConfig,
+}
+
+/// `[predict]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PredictConfig {
+    /// Where neighbours are while the target is driven into the future.
+    pub neighbours: NeighbourFuture,
+    /// Which goals are given when fewer are asked for than there are modes.
+    pub selection: Selection,
+    /// Futures a window in `predictions.parquet`; one that a protocol of `[evaluate]` asks for.
+    pub k: usize,
+}
+
+impl RunConfig {
+    /// A configuration that comes with the project: `ngsim`, `highd`, `smoke`, `paper/ngsim` or `paper/highd`.
+    ///
+    /// # Errors
+    /// When there is none of that name, or a setting cannot be used.
+    pub fn embedded(name: &str, set: &[Setting]) -> Result<Self> {
+        match EMBEDDED.iter().find(|(known, _)| *known == name) {
+            Some((_, text)) => Self::parse(text, set).with_context(|| format!("configs/{name}.toml")),
+            None => bail!(Config, "no configuration `{name}`; there are {}", EMBEDDED.map(|(name, _)| name).join(", ")),
+        }
+    }
+
+    /// Reads a file and applies settings.
+    ///
+    /// # Errors
+    /// When there is no such file, it is not TOML, or a key is unknown, missing, of the wrong type or out of range.
+    pub fn read(path: &Path, set: &[Setting]) -> Result<Self> {
+        let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::parse(&text, set).with_context(|| path.display().to_string())
+    }
+
+    fn parse(text: &str, set: &[Setting]) -> Result<Self> {
+        let mut table: Table = text.parse().map_err(syntax)?;
+        let reference: Table = REFERENCE.parse().map_err(syntax).context("the embedded configuration")?;
+        keys::check(&table, &reference)?;
+        // First as written, so that an error of the file has its line.
+        let mut config: Self = toml::from_str(text).map_err(syntax)?;
+        for setting in set {
+            keys::set(&mut table, setting)?;
+            let applied = Self::deserialize(table.clone()).map_err(syntax);
+            config = applied.with_context(|| format!("--set {}={}", setting.key, setting.text))?;
+        }
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The same with settings applied.
+    ///
+    /// # Errors
+    /// When a setting cannot be used.
+    pub fn with(&self, set: &[Setting]) -> Result<Self> {
+        Self::parse(&self.to_toml()?, set)
+    }
+
+    /// Checks every value.
+    fn check(&self) -> Result<()> {
+        if !(self.data.rate_hz.is_finite() && self.data.rate_hz > 0.) {
+            bail!(Config, "data.rate_hz = {}: give the recordings' frames per second", self.data.rate_hz);
+        }
+        self.windows.shape_for(self.data.rate_hz).context("[windows]")?;
+        self.split.check().context("[split]")?;
+        self.modes.check().context("[modes]")?;
+        self.features.check().context("[features]")?;
+        self.goal.net.check().context("[goal]")?;
+        self.goal.loss.check().context("[goal]")?;
+        self.goal.train.check().context("[goal]")?;
+        self.traj.check().context("[traj]")?;
+        for (name, section) in [("[attraction]", &self.attraction), ("[repulsion]", &self.repulsion)] {
+            section.loss.check().context(name)?;
+            section.train.check().context(name)?;
+        }
+        self.evaluate.check().context("[evaluate]")?;
+        let asked: Vec<usize> = self.evaluate.protocols.iter().flat_map(|protocol| protocol.asks()).copied().collect();
+        if !asked.contains(&self.predict.k) {
+            bail!(
+                Config,
+                "predict.k = {}: the protocols of [evaluate] ask for {asked:?} futures; take one of these",
+                self.predict.k
+            );
+        }
+        Ok(())
+    }
+
+    /// The parts with the run's seed added to their own.
+    pub(crate) fn seeded(&self) -> Self {
+        let mut seeded = self.clone();
+        let seeds = [
+            &mut seeded.modes.seed,
+            &mut seeded.goal.train.seed,
+            &mut seeded.attraction.train.seed,
+            &mut seeded.repulsion.train.seed,
+        ];
+        for seed in seeds {
+            *seed = seed.wrapping_add(self.seed);
+        }
+        seeded
+    }
+
+    /// As TOML, for the run folder.
+    ///
+    /// # Errors
+    /// When a value has no TOML form.
+    pub fn to_toml(&self) -> Result<String> {
+        let body = toml::to_string(self).context("the configuration has no TOML form")?;
+        Ok(format!("# What this run was told: its configuration file, then --set.\n{body}"))
+    }
+
+    /// Refuses to go on with a run that was told something else.
+    ///
+    /// # Errors
+    /// Names the first key that differs, with both values.
+    pub(crate) fn expect_same(&self, earlier: &Self, root: &Path) -> Result<()> {
+        let table = |config: &Self| Table::try_from(config).context("the configuration has no TOML form");
+        match keys::first_difference(&table(earlier)?, &table(self)?) {
+            Some((key, then, now)) => Err(Error::Config(format!(
+                "cannot resume {}: `{key}` is {now} and was {then}; resume without --config and --set, \
+                 or take another --out",
+                root.display()
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A TOML error without the trailing line break of its picture.
+fn syntax(error: toml::de::Error) -> Error {
+    Error::Config(error.to_string().trim_end().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_configuration_reads_and_survives_writing() {
+        for (name, _) in EMBEDDED {
+            let config = RunConfig::embedded(name, &[]).unwrap();
+            let again = RunConfig::parse(&config.to_toml().unwrap(), &[]).unwrap();
+            assert_eq!(again, config, "{name}");
+        }
+    }
+
+    #[test]
+    fn every_key_has_a_comment() {
+        for (name, text) in EMBEDDED {
+            for line in text.lines().filter(|line| line.contains(" = ") && !line.starts_with('#')) {
+                assert!(line.contains(" # "), "{name}: {line}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_error_of_the_file_has_its_line() {
+        let text = REFERENCE.replace("probability = \"", "probability = \"un");
+        let message = RunConfig::parse(&text, &[]).unwrap_err().chain();
+        assert!(message.contains("unknown variant"), "{message}");
+        let message = RunConfig::parse("dataset = \n", &[]).unwrap_err().chain();
+        assert!(message.contains("line 1"), "{message}");
+    }
+
+    #[test]
+    fn unknown_keys_are_refused_with_their_path() {
+        let text = REFERENCE.replace("\n[windows]", "\nepoch = 3\n[windows]");
+        let message = RunConfig::parse(&text, &[]).unwrap_err().chain();
+        assert!(message.contains("`data.epoch`"), "{message}");
+    }
+
+    #[test]
+    fn settings_are_checked() {
+        let parse = |text: &str| RunConfig::parse(REFERENCE, &[text.parse().unwrap()]);
+        assert_eq!(parse("goal.epochs=3").unwrap().goal.train.epochs, 3);
+        for (text, part) in [
+            ("goal.epochs=0", "epochs"),
+            ("goal.heads=3", "heads"),
+            ("goal.probability=nobody", "--set goal.probability=nobody"),
+            ("goal.epoch=3", "goal.epochs"),
+            ("split.train=0.9", "train"),
+            ("predict.k=3", "predict.k"),
+            ("windows.rate_hz=3.0", "rate"),
+            ("goal.schedule={kind=\"linear\"}", "goal.schedule"),
+        ] {
+            let message = parse(text).unwrap_err().chain();
+            assert!(message.contains(part), "{text}: {message}");
+        }
+    }
+
+    #[test]
+    fn another_configuration_is_told_apart() {
+        let first = RunConfig::parse(REFERENCE, &[]).unwrap();
+        let other = RunConfig::parse(REFERENCE, &["traj.hidden=12".parse().unwrap()]).unwrap();
+        assert!(first.expect_same(&first, Path::new("runs/x")).is_ok());
+        let message = other.expect_same(&first, Path::new("runs/x")).unwrap_err().to_string();
+        assert!(message.contains("`traj.hidden` is 12"), "{message}");
+    }
+
+    #[test]
+    fn the_run_seed_moves_all_but_the_split() {
+        let one = RunConfig::parse(REFERENCE, &["seed=5".parse().unwrap()]).unwrap();
+        let seeded = one.seeded();
+        assert_eq!(seeded.goal.train.seed, one.goal.train.seed + 5);
+        assert_eq!(seeded.split, one.split);
+    }
+}

@@ -1,0 +1,9 @@
+//! Recordings: which are read, what is found in them, and how they are kept.
+
+mod describe;
+pub(crate) mod ingest;
+pub(crate) mod source;
+
+pub use self::describe::describe;
+pub use self::ingest::{IngestSummary, RecordingReport};
+pub use self::source::{dataset_name, embedded_folder};

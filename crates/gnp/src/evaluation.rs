@@ -1,0 +1,205 @@
+//! Scores: of a run on its own windows, on other recordings, and of anybody's predictions. All are made by one
+//! driver: systems go in; scores, differences and tables come out.
+
+mod predictions;
+mod recordings;
+pub(crate) mod systems;
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use gnp_data::{Predictor as _, Split, SplitConfig, Subset, Window, WindowId, WindowSet};
+use gnp_eval::{
+    Bootstrap, Comparison, EvalConfig, EvalError, EvaluatedModel, Evaluation, PredictionWriter, Provenance, Score,
+    Table, TableHead, comparison_tables, csv, save_comparisons, save_scores, tables,
+};
+use gnp_model::NeighbourFuture;
+
+pub use self::predictions::{PredictionsOn, score_predictions};
+pub use self::recordings::score_recordings;
+use self::systems::System;
+use crate::config::RunConfig;
+use crate::error::{Error, Result};
+use crate::machine::Machine;
+use crate::run::Run;
+use crate::run::folder::{DataState, write};
+use crate::stages::kinds;
+
+/// Windows to score on.
+pub(crate) struct Material<'a> {
+    /// All windows.
+    pub(crate) set: &'a WindowSet<'a>,
+    /// Those that are scored.
+    pub(crate) ids: &'a [WindowId],
+    /// How the windows were parted.
+    pub(crate) split: String,
+    /// The recordings.
+    pub(crate) data: &'a DataState,
+}
+
+/// What systems got on the same windows.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Scores {
+    /// Every metric of every system, site and protocol.
+    pub scores: Vec<Score>,
+    /// One system against each other one, on the same windows.
+    pub differences: Vec<Comparison>,
+    /// Both for people.
+    pub tables: Vec<Table>,
+}
+
+impl Scores {
+    /// The scores of an evaluation, and the differences between `ours` and each other system.
+    pub(crate) fn of(evaluation: &Evaluation, ours: &str, split: String, bootstrap: &Bootstrap) -> Result<Self> {
+        let scores = evaluation.scores(bootstrap);
+        let differences = evaluation.comparisons(ours, bootstrap)?;
+        let head = TableHead { split, rate_hz: evaluation.setting().rate_hz };
+        let mut tables = tables(&scores, &head);
+        tables.extend(comparison_tables(&differences, &head));
+        Ok(Self { scores, differences, tables })
+    }
+
+    /// Shows the tables that a terminal has room for.
+    pub(crate) fn show(&self, machine: &Machine) {
+        for table in self.tables.iter().filter(|table| !table.detail) {
+            machine.progress.result(&format!("\n{}", table.terminal()));
+        }
+    }
+
+    /// All tables under a heading.
+    pub(crate) fn markdown(&self, heading: &str) -> String {
+        let mut text = heading.to_owned();
+        for table in &self.tables {
+            let _ = write!(text, "\n{}\n", table.markdown().trim_end());
+        }
+        text
+    }
+
+    /// Writes `metrics.json`, `differences.json`, `metrics.csv` and `metrics.md`.
+    fn save(&self, folder: &Path, heading: &str) -> Result<()> {
+        save_scores(&folder.join("metrics.json"), &self.scores)?;
+        save_comparisons(&folder.join("differences.json"), &self.differences)?;
+        write(&folder.join("metrics.csv"), csv(&self.tables).as_bytes())?;
+        write(&folder.join("metrics.md"), self.markdown(heading).as_bytes())
+    }
+}
+
+/// Scores systems on the same windows: those that are handed recorded futures only under the protocols that
+/// allow it.
+///
+/// # Errors
+/// When a system fails; [`Error::Stopped`].
+pub(crate) fn evaluate(
+    material: &Material<'_>,
+    systems: &[System],
+    config: &EvalConfig,
+    machine: &Machine,
+) -> Result<Evaluation> {
+    let of_kind = |uses_future: bool| -> Vec<EvaluatedModel<'_>> {
+        systems.iter().filter(|system| system.uses_future() == uses_future).map(System::model).collect()
+    };
+    let run = |models: &[EvaluatedModel<'_>], config: &EvalConfig| -> Result<Evaluation> {
+        let mut work = None;
+        let evaluation = gnp_eval::evaluate(material.set, material.ids, models, config, &mut |batch| {
+            let work = work.get_or_insert_with(|| machine.work("evaluate", batch.total, "forecasts"));
+            work.at(batch.done as u64, batch.model);
+            if machine.stop.is_requested() { Err(EvalError::Stopped) } else { Ok(()) }
+        });
+        match evaluation {
+            Err(EvalError::Stopped) => Err(Error::Stopped { kept: None }),
+            other => Ok(other?),
+        }
+    };
+    let evaluation = run(&of_kind(false), config)?;
+    let allowing: Vec<_> = config.protocols.iter().copied().filter(|protocol| protocol.allows_future()).collect();
+    let oracles = of_kind(true);
+    if oracles.is_empty() || allowing.is_empty() {
+        return Ok(evaluation);
+    }
+    Ok(evaluation.joined(run(&oracles, &EvalConfig { protocols: allowing, ..config.clone() })?)?)
+}
+
+/// Scores a run on the windows of its split that its configuration names.
+///
+/// # Errors
+/// When the model does not fit the windows or a file cannot be written.
+pub(crate) fn own(run: &Run) -> Result<()> {
+    let set = run.windows()?;
+    let split = run.split(&set)?;
+    let subset = run.config.evaluate.subset;
+    let words = format!("{}{}{}", kinds(split.kinds()), fold(&run.config.split), remarks(&split, subset));
+    let data = &run.folder.state.data;
+    let material = Material { set: &set, ids: split.subset(subset), split: words, data };
+    of_run(run, &material, run.path()).map(|_| ())
+}
+
+/// Which fold is the test part; nothing where there is one split.
+pub(crate) fn fold(split: &SplitConfig) -> String {
+    if split.folds == 1 { String::new() } else { format!(", fold {} of {}", split.fold, split.folds) }
+}
+
+/// What must be said of a split wherever its scores stand: that it leaks, or that it is not the test
+/// part that was scored.
+pub(crate) fn remarks(split: &Split, subset: Subset) -> String {
+    let leaks = if split.leaks() { " (leaks)" } else { "" };
+    let subset = if subset == Subset::Test { String::new() } else { format!(" ({} part)", subset.name()) };
+    format!("{leaks}{subset}")
+}
+
+/// Scores a run's model, its goal head and the rules on some windows, and writes scores and predictions to `out`.
+fn of_run(run: &Run, material: &Material<'_>, out: &Path) -> Result<Scores> {
+    let config = &run.config;
+    let gnp = run.model()?;
+    let ours = gnp.name().to_owned();
+    let mut systems = vec![System::predictor(&ours, gnp), System::goal_head(run.model()?)];
+    systems.extend(systems::rules());
+    if config.predict.neighbours == NeighbourFuture::Oracle {
+        systems.push(System::oracle_neighbours("gnp (oracle neighbours)", run.model()?));
+    }
+    let evaluation = evaluate(material, &systems, &config.evaluate, &run.machine)?;
+    let scores = Scores::of(&evaluation, &ours, material.split.clone(), &config.evaluate.bootstrap)?;
+    write_predictions(run, material, out)?;
+    scores.save(out, &heading(material, config))?;
+    run.result(&format!("\nScored on {}", material.data.description));
+    scores.show(&run.machine);
+    Ok(scores)
+}
+
+fn heading(material: &Material<'_>, config: &RunConfig) -> String {
+    let RunConfig { seed, predict, evaluate, .. } = config;
+    format!(
+        "# Scores\n\nOn {}. Seed {seed}; neighbours in the future: `{}`. Lengths in m. Intervals: middle 95 % of {} \
+         draws of vehicles with replacement. Top-1 and best of k are different quantities.\n",
+        material.data.description,
+        predict.neighbours.name(),
+        evaluate.bootstrap.resamples
+    )
+}
+
+/// Writes forecasts of the model with their forces to `predictions.parquet`.
+fn write_predictions(run: &Run, material: &Material<'_>, out: &Path) -> Result<()> {
+    let gnp = run.model()?.explaining(true);
+    let provenance = Provenance {
+        model: gnp.name().to_owned(),
+        dataset: run.config.dataset,
+        rate_hz: material.set.shape().rate_hz,
+        simulated: material.data.simulated,
+        uses_future: false,
+    };
+    let mut writer = PredictionWriter::create(&out.join("predictions.parquet"), &provenance)?;
+    let work = run.machine.work("predictions", material.ids.len(), "windows");
+    let mut done = 0;
+    for ids in material.ids.chunks(run.config.evaluate.batch) {
+        run.machine.stop.check()?;
+        let windows: Vec<Window<'_>> = ids.iter().filter_map(|id| material.set.get(*id)).collect();
+        let seen: Vec<_> = windows.iter().map(Window::observation).collect();
+        let forecasts = gnp.predict(&seen, run.config.predict.k)?;
+        for (seen, forecast) in seen.iter().zip(&forecasts) {
+            writer.write(&seen.key(), seen.origin(), forecast)?;
+        }
+        done += ids.len() as u64;
+        work.at(done, "");
+    }
+    Ok(writer.finish()?)
+}

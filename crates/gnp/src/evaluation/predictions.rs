@@ -1,0 +1,166 @@
+//! Anyone's predictions in the published Parquet schema, on the same windows as ours.
+
+use std::path::{Path, PathBuf};
+
+use gnp_baselines::ConstantVelocity;
+use gnp_data::{Dataset, Forecast, Observation, OraclePredictor, PredictError, Predictor, Window, WindowSet};
+use gnp_eval::{Detail, EvalConfig, Predictions, Protocol, read_predictions};
+
+use super::systems::System;
+use super::{Material, Scores, evaluate, remarks};
+use crate::config::RunConfig;
+use crate::data::{dataset_name, ingest, source};
+use crate::error::{Context as _, Result, bail};
+use crate::machine::Machine;
+use crate::run::Run;
+use crate::run::folder::{Draft, Stage};
+use crate::stages::kinds;
+
+/// Missing windows that an error names; the others are counted.
+const NAMED: usize = 5;
+
+/// Which windows a file of predictions is scored on.
+#[derive(Clone, Debug)]
+pub enum PredictionsOn {
+    /// The test part of a run.
+    Run(PathBuf),
+    /// All windows of some recordings; without a folder, of those that come with the project.
+    Recordings {
+        /// How windows are cut.
+        config: Box<RunConfig>,
+        /// Folder or file of the recordings.
+        data: Option<PathBuf>,
+    },
+}
+
+/// Scores a file of predictions beside constant velocity, under `protocols` or, where that is empty,
+/// those of the configuration. Writes the scores to the new folder `out` if there is one.
+///
+/// # Errors
+/// When the file cannot be read, is of other data, or lacks a window; when `out` is in use.
+pub fn score_predictions(
+    file: &Path,
+    on: &PredictionsOn,
+    protocols: &[Protocol],
+    out: Option<&Path>,
+    machine: &Machine,
+) -> Result<Scores> {
+    let predictions = read_predictions(file, Detail::Paths)?;
+    let out = out.map(|out| Draft::start(out, "take another --out")).transpose()?;
+    match on {
+        PredictionsOn::Run(folder) => {
+            let run = Run::open(folder, machine)?;
+            run.folder.require(Stage::Goal)?; // the split is there
+            same_data(&predictions, run.config.dataset, file)?;
+            let set = run.windows()?;
+            let split = run.split(&set)?;
+            let words = format!("{}{}", kinds(split.kinds()), remarks(&split, gnp_data::Subset::Test));
+            let material = Material { set: &set, ids: split.test(), split: words, data: &run.folder.state.data };
+            score(predictions, &material, &run.config, protocols, out, machine)
+        }
+        PredictionsOn::Recordings { config, data } => {
+            same_data(&predictions, config.dataset, file)?;
+            let found = source::find(config, data.as_deref())?;
+            machine.progress.result(&format!("Data: {}", found.data.description));
+            let place = tempfile::tempdir().context("cannot make a temporary folder")?;
+            let report = ingest::run(found, config, place.path(), machine)?;
+            let recordings = report.load(place.path(), machine)?;
+            let (set, _) = WindowSet::cut(&recordings, &config.windows)?;
+            let words = "nothing, all windows".to_owned();
+            let material = Material { set: &set, ids: set.ids(), split: words, data: &report.data };
+            score(predictions, &material, config, protocols, out, machine)
+        }
+    }
+}
+
+fn score(
+    predictions: Predictions,
+    material: &Material<'_>,
+    config: &RunConfig,
+    protocols: &[Protocol],
+    out: Option<Draft>,
+    machine: &Machine,
+) -> Result<Scores> {
+    covered(&predictions, material, machine)?;
+    let uses_future = predictions.provenance().get("uses_future").is_some_and(|value| value == "true");
+    let name = predictions.name().to_owned();
+    let system = if uses_future {
+        System::oracle(&name, WithFuture(predictions))
+    } else {
+        System::predictor(&name, predictions)
+    };
+    let beside = if name == "constant velocity" { "constant velocity (ours)" } else { "constant velocity" };
+    let systems = [system, System::predictor(beside, ConstantVelocity::default())];
+    let protocols = if protocols.is_empty() { config.evaluate.protocols.clone() } else { protocols.to_vec() };
+    if uses_future && !protocols.iter().any(|protocol| protocol.allows_future()) {
+        bail!(
+            Predictions,
+            "{name} is handed recorded futures, which `clean` does not allow; give --protocol literature"
+        );
+    }
+    let config = EvalConfig { protocols, ..config.evaluate.clone() };
+    let evaluation = evaluate(material, &systems, &config, machine)?;
+    let scores = Scores::of(&evaluation, &name, material.split.clone(), &config.bootstrap)?;
+    scores.show(machine);
+    if let Some(draft) = out {
+        let heading = format!("# Scores of {name}\n\nOn {}. Lengths in m.\n", material.data.description);
+        scores.save(draft.path(), &heading)?;
+        let place = draft.publish()?;
+        machine.progress.note(&format!("scores: {}", place.join("metrics.md").display()));
+    }
+    Ok(scores)
+}
+
+/// A file says of itself what data it is for; one that does not say is believed.
+fn same_data(predictions: &Predictions, dataset: Dataset, path: &Path) -> Result<()> {
+    let wanted = dataset_name(dataset);
+    match predictions.provenance().get("dataset") {
+        Some(found) if found != wanted => {
+            bail!(Predictions, "{}: predictions for {found}, not for {wanted}; give --dataset {found}", path.display())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a file that leaves windows out: scores of the rest would not be comparable.
+fn covered(predictions: &Predictions, material: &Material<'_>, machine: &Machine) -> Result<()> {
+    let windows = || material.ids.iter().filter_map(|id| material.set.get(*id));
+    let coverage = predictions.coverage(windows());
+    if coverage.windows_alone > 0 {
+        let missing = windows().filter(|window| predictions.get(&window.key()).is_none()).take(NAMED);
+        let named: Vec<String> = missing
+            .map(|window| window.key())
+            .map(|key| format!("recording {}, vehicle {}, frame {}", key.recording, key.vehicle, key.t0))
+            .collect();
+        let more = coverage.windows_alone.saturating_sub(named.len());
+        let rest = if more > 0 { format!("; and {more} more") } else { String::new() };
+        bail!(
+            Predictions,
+            "{} of {} windows have no prediction: {}{rest}; predict every window, or score on the windows that were \
+             predicted (--run takes a run's test part)",
+            coverage.windows_alone,
+            material.ids.len(),
+            named.join("; ")
+        );
+    }
+    if coverage.predictions_alone > 0 {
+        machine
+            .progress
+            .note(&format!("score: {} predictions are for none of the windows", coverage.predictions_alone));
+    }
+    Ok(())
+}
+
+/// Predictions made with recorded futures in reach.
+struct WithFuture(Predictions);
+
+impl OraclePredictor for WithFuture {
+    fn name(&self) -> &str {
+        Predictor::name(&self.0)
+    }
+
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        let seen: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
+        self.0.predict(&seen, k)
+    }
+}

@@ -1,0 +1,143 @@
+//! The systems of an evaluation, each under the name of its row.
+
+use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
+use gnp_data::{Forecast, Observation, OraclePredictor, PredictError, Predictor, Window};
+use gnp_eval::EvaluatedModel;
+use gnp_model::Gnp;
+
+/// A system under the name of its row.
+pub(crate) struct System {
+    name: String,
+    model: Model,
+}
+
+enum Model {
+    Blind(Box<dyn Predictor>),
+    Oracle(Box<dyn OraclePredictor>),
+}
+
+impl System {
+    /// A system that sees the past alone.
+    pub(crate) fn predictor(name: impl Into<String>, model: impl Predictor + 'static) -> Self {
+        Self { name: name.into(), model: Model::Blind(Box::new(model)) }
+    }
+
+    /// A system that is handed recorded futures.
+    pub(crate) fn oracle(name: impl Into<String>, model: impl OraclePredictor + 'static) -> Self {
+        Self { name: name.into(), model: Model::Oracle(Box::new(model)) }
+    }
+
+    /// The goal network's own futures.
+    pub(crate) fn goal_head(gnp: Gnp) -> Self {
+        Self::predictor("goal head", GoalHead(gnp))
+    }
+
+    /// GNP that is handed its neighbours' recorded paths.
+    pub(crate) fn oracle_neighbours(name: impl Into<String>, gnp: Gnp) -> Self {
+        Self::oracle(name, OracleNeighbours(gnp))
+    }
+
+    /// GNP that is handed the recorded last position as its goal.
+    pub(crate) fn true_goal(name: impl Into<String>, gnp: Gnp) -> Self {
+        Self::oracle(name, TrueGoal(gnp))
+    }
+
+    /// Its row.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether it is handed recorded futures.
+    pub(crate) fn uses_future(&self) -> bool {
+        matches!(self.model, Model::Oracle(_))
+    }
+
+    /// As the driver takes it.
+    pub(super) fn model(&self) -> EvaluatedModel<'_> {
+        if self.uses_future() { EvaluatedModel::Oracle(self) } else { EvaluatedModel::Predictor(self) }
+    }
+}
+
+impl Predictor for System {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        match &self.model {
+            Model::Blind(model) => model.predict(observations, k),
+            Model::Oracle(_) => {
+                let problem = "is handed recorded futures and cannot go without";
+                Err(PredictError::Model { model: self.name.clone(), source: problem.into() })
+            }
+        }
+    }
+}
+
+impl OraclePredictor for System {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        match &self.model {
+            Model::Blind(model) => {
+                let seen: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
+                model.predict(&seen, k)
+            }
+            Model::Oracle(model) => model.predict_with_future(windows, k),
+        }
+    }
+}
+
+/// The goal network's own futures, whole.
+struct GoalHead(Gnp);
+
+impl Predictor for GoalHead {
+    fn name(&self) -> &str {
+        "goal head"
+    }
+
+    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        self.0.goal_head().predict(observations, k)
+    }
+}
+
+/// GNP that is handed its neighbours' paths, whole.
+struct OracleNeighbours(Gnp);
+
+impl OraclePredictor for OracleNeighbours {
+    fn name(&self) -> &str {
+        "gnp (oracle neighbours)"
+    }
+
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        self.0.oracle().predict_with_future(windows, k)
+    }
+}
+
+/// GNP that is handed its goal, whole.
+struct TrueGoal(Gnp);
+
+impl OraclePredictor for TrueGoal {
+    fn name(&self) -> &str {
+        "gnp (true goal)"
+    }
+
+    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
+        self.0.true_goal().predict_with_future(windows, k)
+    }
+}
+
+/// The predictors without a network, as they come.
+pub(super) fn rules() -> Vec<System> {
+    fn named(rule: impl Predictor + 'static) -> System {
+        System::predictor(rule.name().to_owned(), rule)
+    }
+    vec![
+        named(ConstantVelocity::default()),
+        named(ConstantAcceleration::default()),
+        named(Kalman::default()),
+        named(Idm::default()),
+    ]
+}

@@ -1,0 +1,33 @@
+//! Goal-based neural physics for motorway traffic, from recordings to scored forecasts.
+//!
+//! A [`Run`] is a folder with everything that was made from some recordings by one [`RunConfig`]: windows and their
+//! split, intention modes, weights, forecasts with their forces, scores, figures and a report. [`Plan`] starts one or
+//! goes on with one; a [`Machine`] says on which device, who sees the progress ([`Progress`]) and how the work is
+//! stopped ([`Stop`]). Nothing here prints or reads a command line; the program `gnp` does.
+
+mod config;
+mod data;
+mod error;
+mod evaluation;
+mod figures;
+mod machine;
+pub mod memory;
+mod progress;
+mod report;
+mod run;
+mod stages;
+mod tables;
+pub mod text;
+
+pub use crate::config::{DataConfig, GoalSection, PathSection, PredictConfig, RunConfig, Setting};
+pub use crate::data::{IngestSummary, RecordingReport, dataset_name, describe, embedded_folder};
+pub use crate::error::{Error, Result};
+pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};
+pub use crate::figures::draw_figures;
+pub use crate::machine::Machine;
+pub use crate::progress::{Progress, Silent, Stop, Work};
+pub use crate::report::{Replayed, can_replay, write_replay, write_report};
+pub use crate::run::Run;
+pub use crate::run::folder::{DataState, RunState, Stage};
+pub use crate::stages::Plan;
+pub use crate::tables::{Recipes, ablate, compare};

@@ -1,0 +1,193 @@
+//! The main job, stage by stage, on a run folder.
+
+mod modes;
+mod training;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use gnp_data::{Dataset, Recording};
+use gnp_model::Component;
+
+pub(crate) use self::modes::kinds;
+pub(crate) use self::training::Watch;
+use crate::config::RunConfig;
+use crate::data::{dataset_name, ingest, source};
+use crate::error::{Context as _, Error, Result, bail};
+use crate::evaluation;
+use crate::machine::Machine;
+use crate::run::Run;
+use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
+
+/// A run that is to be there: started, or gone on with.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Plan {
+    /// Kind of data of a run that is gone on with, if that is to be checked.
+    pub dataset: Option<Dataset>,
+    /// What the run is told; without it only a run that is there can be gone on with.
+    pub config: Option<RunConfig>,
+    /// Folder or file of recordings; without it the data that comes with the project.
+    pub data: Option<PathBuf>,
+    /// The run folder.
+    pub out: PathBuf,
+    /// Whether a folder that is there is gone on with instead of refused.
+    pub resume: bool,
+}
+
+impl Plan {
+    /// A new run.
+    #[must_use]
+    pub fn new(config: RunConfig, data: Option<PathBuf>, out: impl Into<PathBuf>) -> Self {
+        Self { dataset: None, config: Some(config), data, out: out.into(), resume: false }
+    }
+
+    /// To go on with a run as it was told.
+    #[must_use]
+    pub fn resume(out: impl Into<PathBuf>) -> Self {
+        Self { dataset: None, config: None, data: None, out: out.into(), resume: true }
+    }
+
+    /// Whether there is something in the folder.
+    ///
+    /// # Errors
+    /// When the folder cannot be read.
+    pub fn is_started(&self) -> Result<bool> {
+        occupied(&self.out)
+    }
+
+    /// Starts the run with its first stage and the split, so that recordings that cannot be split leave nothing
+    /// behind; or opens it.
+    ///
+    /// # Errors
+    /// What is wrong with the recordings; when the folder is in use, or belongs to another configuration or other data.
+    pub fn begin(&self, machine: &Machine) -> Result<Run> {
+        self.begin_with(machine, true)
+    }
+
+    /// As [`Plan::begin`] with the first stage alone: the split is left to the next one.
+    ///
+    /// # Errors
+    /// As [`Plan::begin`].
+    pub fn ingest(&self, machine: &Machine) -> Result<Run> {
+        self.begin_with(machine, false)
+    }
+
+    fn begin_with(&self, machine: &Machine, split: bool) -> Result<Run> {
+        if self.resume && self.is_started()? {
+            return self.go_on(machine);
+        }
+        match &self.config {
+            Some(config) => start(config, self.data.as_deref(), machine, &self.out, split),
+            None => bail!(Config, "there is no run in {} to go on with; give a configuration", self.out.display()),
+        }
+    }
+
+    fn go_on(&self, machine: &Machine) -> Result<Run> {
+        let folder = RunFolder::open(&self.out)?;
+        let config = RunConfig::read(&folder.path("config.toml"), &[])?;
+        if let Some(asked) = &self.config {
+            asked.expect_same(&config, &self.out)?;
+        }
+        if let Some(asked) = self.dataset
+            && asked != config.dataset
+        {
+            let (asked, is) = (dataset_name(asked), dataset_name(config.dataset));
+            bail!(Folder, "--dataset {asked} but {} is of {is}; take another --out", self.out.display());
+        }
+        if let Some(dir) = &self.data
+            && *dir != folder.state.data.dir
+        {
+            let then = folder.state.data.dir.display();
+            bail!(
+                Folder,
+                "{} was made from {then}; resume without --data-dir, or take another --out",
+                self.out.display()
+            );
+        }
+        let run = Run::new(folder, &config, machine);
+        run.say_data();
+        Ok(run)
+    }
+}
+
+/// Ingests into a new run folder, which appears when everything is read.
+fn start(config: &RunConfig, data: Option<&Path>, machine: &Machine, root: &Path, split: bool) -> Result<Run> {
+    let draft = Draft::start(root, "go on with it by --resume, or take another --out")?;
+    let found = source::find(config, data)?;
+    machine.progress.result(&format!("Data: {}", found.data.description));
+    let started = Instant::now();
+    let report = ingest::run(found, config, draft.path(), machine)?;
+    write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
+    // Only the split needs all recordings at once.
+    let recordings: Option<Vec<Recording>> = if split { Some(report.load(draft.path(), machine)?) } else { None };
+    let mut state = RunState::new(config.seed, report.data);
+    if let Some(recordings) = &recordings {
+        state.split_hash = modes::split(recordings, config, draft.path(), machine)?;
+    }
+    write_state(draft.path(), &state)?;
+    let mut folder = RunFolder::open(&draft.publish()?)?;
+    folder.finish(Stage::Ingest, started.elapsed().as_secs_f64())?;
+    Ok(Run::new(folder, config, machine).with_recordings(recordings))
+}
+
+impl Run {
+    /// Says which data it is of.
+    pub fn say_data(&self) {
+        self.result(&format!("Data: {}", self.folder.state.data.description));
+    }
+
+    /// Does every stage that is not finished yet.
+    ///
+    /// # Errors
+    /// That of the first stage that fails.
+    pub fn complete(&mut self) -> Result<()> {
+        Stage::ALL.into_iter().try_for_each(|stage| self.perform(stage))
+    }
+
+    /// Finds the modes and trains what is not trained yet.
+    ///
+    /// # Errors
+    /// That of the first stage that fails.
+    pub fn train(&mut self) -> Result<()> {
+        Stage::ALL.into_iter().filter(|stage| *stage < Stage::Evaluate).try_for_each(|stage| self.perform(stage))
+    }
+
+    /// Forgets a finished stage and all that were made from it, so that they can be done anew.
+    ///
+    /// # Errors
+    /// When a file cannot be changed.
+    pub fn forget(&mut self, stage: Stage) -> Result<()> {
+        self.folder.forget(stage)
+    }
+
+    /// Does a stage unless it is finished.
+    ///
+    /// # Errors
+    /// When an earlier stage is missing or the stage fails; [`Error::Stopped`].
+    pub fn perform(&mut self, stage: Stage) -> Result<()> {
+        let name = stage.name();
+        if self.folder.has(stage) {
+            if stage != Stage::Ingest {
+                self.note(&format!("{name}: finished before"));
+            }
+            return Ok(());
+        }
+        self.folder.require(stage)?;
+        let started = Instant::now();
+        let root = self.folder.root().to_owned();
+        let done = match stage {
+            Stage::Ingest => {
+                bail!(Folder, "{} has no recordings; start a new run with `gnp ingest`", root.display())
+            }
+            Stage::Modes => modes::find(self),
+            Stage::Goal => training::train(self, Component::Goal),
+            Stage::Attraction => training::train(self, Component::Attraction),
+            Stage::Repulsion => training::train(self, Component::Repulsion),
+            Stage::Evaluate => evaluation::own(self),
+        };
+        done.map_err(|error| if error.is_stopped() { Error::Stopped { kept: Some(root) } } else { error })
+            .with_context(|| format!("{name} failed"))?;
+        self.folder.finish(stage, started.elapsed().as_secs_f64())
+    }
+}

@@ -1,0 +1,100 @@
+//! The split, and the intention modes of its training part.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::error::Result;
+use gnp_data::{Overlap, Recording, Split, SplitKind, Subset, WindowSet, overlaps};
+use gnp_model::AugmentedView;
+use gnp_modes::fit;
+
+use crate::config::RunConfig;
+use crate::machine::Machine;
+use crate::run::Run;
+
+/// Parts the windows of all recordings, writes `split.json` to `folder`; returns the split's hash.
+///
+/// # Errors
+/// When a part would be left without windows, or the same vehicle at the same time would stand in two.
+pub(super) fn split(recordings: &[Recording], config: &RunConfig, folder: &Path, machine: &Machine) -> Result<String> {
+    let (set, _) = WindowSet::cut(recordings, &config.windows)?;
+    let overlaps = overlaps(recordings);
+    let split = Split::new(&set, &config.split, &overlaps)?;
+    split.save(&set, &folder.join("split.json"))?;
+    machine.progress.note(&summary(&set, &split));
+    for overlap in &overlaps {
+        let Overlap { first, second, vehicles, .. } = overlap;
+        machine.progress.note(&format!("split: {first} and {second} show {vehicles} of the same vehicles"));
+    }
+    if split.leaks() {
+        machine
+            .progress
+            .note("split: it leaks, the same vehicle at the same time stands in several parts; scores are too good");
+    }
+    Ok(split.hash().to_owned())
+}
+
+/// Finds the modes of the training part and writes `modes.safetensors`; parts the windows first
+/// unless they are.
+///
+/// # Errors
+/// Those of [`split`]; when there are fewer different futures than modes.
+pub(super) fn find(run: &mut Run) -> Result<()> {
+    if run.folder.state.split_hash.is_empty() {
+        let hash = split(run.recordings()?, &run.config, run.folder.root(), &run.machine)?;
+        run.folder.state.split_hash = hash;
+    }
+    run.machine.stop.check()?;
+    let set = run.windows()?;
+    let (split, features) = run.features(&set)?;
+    let mut futures = Vec::with_capacity(split.train().len() * 2 * set.shape().t_pred);
+    for window in split.train().iter().filter_map(|id| set.get(*id)) {
+        futures.extend(features.future(&AugmentedView::recorded(window.observation()), &window));
+        // A network that learns from mirrored windows needs modes for them, too.
+        if run.config.goal.loss.mirror > 0. {
+            futures.extend(features.future(&AugmentedView::mirrored(window.observation()), &window));
+        }
+    }
+    let modes = fit(&futures, set.shape().t_pred, features.mode_frame(), &run.config.modes)?;
+    modes.save(&run.folder.path("modes.safetensors"))?;
+    let (most, least) = (modes.sizes.first().copied().unwrap_or(0), modes.sizes.last().copied().unwrap_or(0));
+    let windows = futures.len() / (2 * set.shape().t_pred).max(1);
+    let rms = (modes.inertia / (windows * set.shape().t_pred).max(1) as f64).sqrt();
+    run.note(&format!(
+        "modes: {} of {windows} futures, {least} to {most} in each, {rms:.2} m root mean square to the nearest{}",
+        modes.len(),
+        if modes.converged { "" } else { "; not converged, more modes.max_iterations would improve them" }
+    ));
+    Ok(())
+}
+
+fn summary(set: &WindowSet<'_>, split: &Split) -> String {
+    let counts: Vec<String> =
+        Subset::ALL.iter().map(|part| format!("{} {}", split.subset(*part).len(), part.name())).collect();
+    let dropped_at_boundary: usize = split.dropped_at_boundary().values().sum();
+    let left_out = if dropped_at_boundary > 0 { format!(", {dropped_at_boundary} in none") } else { String::new() };
+    format!("split: {} windows by {}: {}{left_out}", set.len(), kinds(split.kinds()), counts.join(", "))
+}
+
+/// How windows were parted: `recording`, or `i-80 vehicle, us-101 recording`.
+pub(crate) fn kinds(kinds: &BTreeMap<String, SplitKind>) -> String {
+    let mut different: Vec<&str> = kinds.values().map(|kind| kind.name()).collect();
+    different.sort_unstable();
+    different.dedup();
+    match different[..] {
+        [one] => one.to_owned(),
+        _ => kinds.iter().map(|(site, kind)| format!("{site} {}", kind.name())).collect::<Vec<_>>().join(", "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_are_named_once_or_by_site() {
+        let by = |i80| BTreeMap::from([("i-80".to_owned(), i80), ("us-101".to_owned(), SplitKind::Recording)]);
+        assert_eq!(kinds(&by(SplitKind::Recording)), "recording");
+        assert_eq!(kinds(&by(SplitKind::Vehicle)), "i-80 vehicle, us-101 recording");
+    }
+}

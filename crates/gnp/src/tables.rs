@@ -1,0 +1,244 @@
+//! Tables of systems trained where they are not yet, and scored on the same windows: GNP beside rules and neural
+//! baselines ([`compare`]), and GNP beside its ablations ([`ablate`]).
+//!
+//! A table has a folder: `gnp/` is the run of the full model, `learned/` has the neural baselines,
+//! `variants/` the runs of ablations. With a split into folds there is one such folder a fold,
+//! `fold-1/` and so on, and every window is scored once, by models that were not trained on what is
+//! kept together with it. What is trained there stays; a table that is started again with
+//! `--resume` trains what is missing and scores everything anew.
+
+mod files;
+mod printed;
+mod recipes;
+mod variants;
+
+use std::path::PathBuf;
+
+use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
+use gnp_data::{Split, Window, WindowSet};
+use gnp_neural_baselines::NeuralBaseline;
+
+use self::files::{Report, Scored, write_report};
+pub use self::recipes::Recipes;
+use self::variants::{FULL, VARIANTS};
+use crate::config::{RunConfig, Setting};
+use crate::error::{Context as _, Error, Result, bail};
+use crate::evaluation::systems::System;
+use crate::evaluation::{self, Material, remarks};
+use crate::machine::Machine;
+use crate::run::Run;
+use crate::run::folder::occupied;
+use crate::stages::{Plan, kinds};
+
+/// Most windows of the training part that the Kalman filter's noise is fitted to.
+const KALMAN_WINDOWS: usize = 2000;
+
+/// GNP, the rules and the neural baselines that have a recipe, on the same windows.
+///
+/// # Errors
+/// When a training or an evaluation fails; [`Error::Stopped`] with the table's folder.
+pub fn compare(plan: &Plan, recipes: &Recipes, machine: &Machine) -> Result<()> {
+    let kinds: Vec<NeuralBaseline> =
+        NeuralBaseline::ALL.into_iter().filter(|kind| recipes.get(*kind).is_some()).collect();
+    let missing: Vec<String> = NeuralBaseline::ALL
+        .into_iter()
+        .filter(|kind| !kinds.contains(kind))
+        .map(|kind| format!("{}: has no recipe ([{}])", kind.name(), kind.stem()))
+        .collect();
+    let table = Table::start("table1", plan, machine, 6 + kinds.len())?;
+    let scored = table.scored(|fold| {
+        let mut systems = vec![System::predictor(FULL, fold.run.model()?), System::goal_head(fold.run.model()?)];
+        systems.extend(rules(fold.set, fold.split)?);
+        for (done, kind) in kinds.iter().copied().enumerate() {
+            fold.progress(7 + done, kind.name());
+            let Some(recipe) = recipes.get(kind) else { continue };
+            systems.push(recipes::system(kind, recipe, fold, &fold.folder.join("learned"))?);
+        }
+        Ok(systems)
+    })?;
+    let report = Report {
+        stem: "table1",
+        title: "Table 1: all systems on the same windows",
+        about: "Every system was trained and scored here. Below stand the figures that the papers print, which rest \
+                on other windows, other splits and in part on other quantities.",
+        ours: FULL,
+        missing: &missing,
+        printed: printed::table1(scored.run.config.dataset),
+    };
+    write_report(&report, &scored, &table.folder)
+}
+
+/// The ablations of GNP.
+///
+/// # Errors
+/// As [`compare`].
+pub fn ablate(plan: &Plan, machine: &Machine) -> Result<()> {
+    let table = Table::start("table2", plan, machine, VARIANTS.len())?;
+    let scored = table.scored(|fold| {
+        let run = fold.run;
+        // As written: a run has its seed added to the parts' own.
+        let config = RunConfig::read(&run.folder.path("config.toml"), &[])?;
+        let mut systems = Vec::new();
+        for (done, variant) in VARIANTS.iter().enumerate() {
+            if variant.is_the_full_model(run.path(), &config)? {
+                continue;
+            }
+            let place = match variant.folder(&config) {
+                None => run.path().to_owned(),
+                Some(name) => {
+                    fold.progress(done + 1, variant.name);
+                    let place = fold.folder.join("variants").join(name);
+                    let mut run = variant.start(&run.folder, &config, &place, machine)?;
+                    variant.redo.iter().try_for_each(|stage| run.perform(*stage))?;
+                    place
+                }
+            };
+            systems.push(variant.system(&place, &config, &run.machine.device)?);
+        }
+        Ok(systems)
+    })?;
+    let config = RunConfig::read(&scored.run.folder.path("config.toml"), &[])?;
+    let mut missing = Vec::new();
+    for variant in &VARIANTS {
+        if variant.is_the_full_model(scored.run.path(), &config)? {
+            missing.push(format!("{}: the configuration is like that", variant.name));
+        }
+    }
+    let report = Report {
+        stem: "table2",
+        title: "Table 2: what the parts of GNP do",
+        about: "Each row changes one thing in the full model (first row, neighbours at constant velocity); parts that \
+                the change does not reach are shared. *No modes* is a single mode, the mean future, hence one goal \
+                made of the observation alone.",
+        ours: FULL,
+        missing: &missing,
+        printed: printed::table2(scored.run.config.dataset),
+    };
+    write_report(&report, &scored, &table.folder)
+}
+
+/// A table being made.
+struct Table<'a> {
+    stem: &'static str,
+    folder: PathBuf,
+    plan: &'a Plan,
+    /// As written.
+    config: RunConfig,
+    machine: &'a Machine,
+    /// Systems of a fold, for progress.
+    total: usize,
+}
+
+/// One fold of a table being made: what its systems are trained on.
+pub(crate) struct Fold<'a> {
+    /// The run of the full model.
+    pub(crate) run: &'a Run,
+    /// All windows.
+    pub(crate) set: &'a WindowSet<'a>,
+    /// Their parts.
+    pub(crate) split: &'a Split,
+    /// Where the models of this fold are kept.
+    folder: PathBuf,
+    table: &'a Table<'a>,
+    /// From 1.
+    number: usize,
+}
+
+impl Fold<'_> {
+    fn progress(&self, number: usize, name: &str) {
+        self.table.note(self.number, number, name);
+    }
+}
+
+impl<'a> Table<'a> {
+    /// Refuses a folder in use unless it is to be resumed.
+    fn start(stem: &'static str, plan: &'a Plan, machine: &'a Machine, total: usize) -> Result<Self> {
+        let Some(config) = plan.config.clone() else { bail!(Config, "a table needs a configuration") };
+        let folder = plan.out.clone();
+        let in_use = occupied(&folder)?;
+        if in_use && !plan.resume {
+            bail!(
+                Folder,
+                "{} exists and is not empty; go on with it by --resume, or take another --out",
+                folder.display()
+            );
+        }
+        let table = Self { stem, folder, plan, config, machine, total };
+        if in_use && !occupied(&table.fold_folder(1).join("gnp"))? {
+            bail!(Folder, "{} is not the folder of a table; take another --out", table.folder.display());
+        }
+        Ok(table)
+    }
+
+    /// Folds of the split; each has its own models.
+    fn folds(&self) -> usize {
+        self.config.split.folds
+    }
+
+    /// Where the models of a fold are kept.
+    fn fold_folder(&self, fold: usize) -> PathBuf {
+        if self.folds() == 1 { self.folder.clone() } else { self.folder.join(format!("fold-{fold}")) }
+    }
+
+    /// Makes the systems of every fold and scores each on its fold's windows.
+    fn scored(&self, systems: impl Fn(&Fold<'_>) -> Result<Vec<System>>) -> Result<Scored> {
+        let mut scored: Option<Scored> = None;
+        for number in 1..=self.folds() {
+            let of_fold = self.fold(number, &systems).map_err(|error| {
+                if error.is_stopped() { Error::Stopped { kept: Some(self.folder.clone()) } } else { error }
+            })?;
+            scored = Some(match scored {
+                None => of_fold,
+                Some(earlier) => earlier.pooled(of_fold)?,
+            });
+        }
+        match scored {
+            Some(scored) => Ok(scored),
+            None => bail!(Config, "split.folds is 0; give 1 or more"),
+        }
+    }
+
+    fn fold(&self, number: usize, systems: &impl Fn(&Fold<'_>) -> Result<Vec<System>>) -> Result<Scored> {
+        self.note(number, 1, FULL);
+        let folder = self.fold_folder(number);
+        let setting = Setting { key: "split.fold".to_owned(), text: number.to_string() };
+        let plan = Plan {
+            config: Some(self.config.with(&[setting])?),
+            out: folder.join("gnp"),
+            resume: true,
+            ..self.plan.clone()
+        };
+        let mut run = plan.begin(self.machine)?;
+        run.train()?;
+        let set = run.windows()?;
+        let split = run.split(&set)?;
+        let fold = Fold { run: &run, set: &set, split: &split, folder, table: self, number };
+        let systems = systems(&fold)?;
+        let config = &run.config.evaluate;
+        let words = format!("{}{}", kinds(split.kinds()), remarks(&split, config.subset));
+        let material =
+            Material { set: &set, ids: split.subset(config.subset), split: words, data: &run.folder.state.data };
+        let evaluation = evaluation::evaluate(&material, &systems, config, self.machine)?;
+        let words = material.split;
+        drop(set);
+        Ok(Scored::new(&systems, evaluation, words, &split, run))
+    }
+
+    fn note(&self, fold: usize, number: usize, name: &str) {
+        let fold = if self.folds() == 1 { String::new() } else { format!("fold {fold} of {}, ", self.folds()) };
+        self.machine.progress.note(&format!("{}: {fold}{number} of {}, {name}", self.stem, self.total));
+    }
+}
+
+/// The predictors without a network; the filter's noise is that of the training part.
+fn rules(set: &WindowSet<'_>, split: &Split) -> Result<Vec<System>> {
+    let step = split.train().len().div_ceil(KALMAN_WINDOWS).max(1);
+    let training: Vec<Window<'_>> = split.train().iter().step_by(step).filter_map(|id| set.get(*id)).collect();
+    let kalman = Kalman::fit(&training).context("Kalman filter")?;
+    Ok(vec![
+        System::predictor("constant velocity", ConstantVelocity::default()),
+        System::predictor("constant acceleration", ConstantAcceleration::default()),
+        System::predictor("Kalman filter", kalman),
+        System::predictor("IDM", Idm::default()),
+    ])
+}

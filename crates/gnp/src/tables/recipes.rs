@@ -1,0 +1,118 @@
+//! The neural baselines of a table: trained where they are not yet, by recipes from a file.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use crate::error::{Context as _, Error, Result, bail};
+use gnp_neural_baselines::{NeuralBaseline, NeuralBaselineError, Recipe, TrainedBaseline, Training, WithFuture};
+
+use crate::evaluation::systems::System;
+use crate::stages::Watch;
+use crate::tables::Fold;
+
+/// The recipes that come with the project.
+const EMBEDDED: &str = include_str!("../../configs/neural-baselines.toml");
+
+/// How neural baselines are trained, by baseline.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recipes(BTreeMap<String, Recipe>);
+
+impl Recipes {
+    /// Those that come with the project.
+    ///
+    /// # Errors
+    /// As [`Recipes::read`].
+    pub fn embedded() -> Result<Self> {
+        Self::parse(EMBEDDED).context("configs/neural-baselines.toml")
+    }
+
+    /// Reads a file of recipes.
+    ///
+    /// # Errors
+    /// When it is not there, no TOML, or has a baseline or key that does not exist or cannot be used.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::parse(&text).with_context(|| path.display().to_string())
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let recipes: BTreeMap<String, Recipe> =
+            toml::from_str(text).map_err(|error| Error::Config(error.to_string().trim_end().to_owned()))?;
+        for (stem, recipe) in &recipes {
+            if !NeuralBaseline::ALL.iter().any(|kind| kind.stem() == stem) {
+                let known: Vec<&str> = NeuralBaseline::ALL.iter().map(|kind| kind.stem()).collect();
+                bail!(Config, "[{stem}]: no such baseline; there are {}", known.join(", "));
+            }
+            recipe.check().with_context(|| format!("[{stem}]"))?;
+        }
+        Ok(Self(recipes))
+    }
+
+    /// The recipe of a baseline.
+    #[must_use]
+    pub fn get(&self, kind: NeuralBaseline) -> Option<&Recipe> {
+        self.0.get(kind.stem())
+    }
+}
+
+/// A baseline, trained in `folder` unless it was before.
+///
+/// # Errors
+/// When the training fails; [`Error::Stopped`].
+pub(crate) fn system(kind: NeuralBaseline, recipe: &Recipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
+    let Fold { run, set, split, .. } = fold;
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let recipe = Recipe { seed: recipe.seed.wrapping_add(run.config.seed), ..recipe.clone() };
+    let data = Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash() };
+    let watch = Watch::new(&run.machine, kind.name(), recipe.epochs());
+    match TrainedBaseline::train(kind, &recipe, &data, folder, &run.machine.device, watch, run.machine.stop.flag()) {
+        Err(NeuralBaselineError::Interrupted { .. }) => Err(Error::Stopped { kept: None }),
+        Err(error) => Err(error).with_context(|| format!("{} failed", kind.name())),
+        Ok(learned) if kind.uses_future() => Ok(System::oracle(kind.name(), OracleBaseline(learned))),
+        Ok(learned) => Ok(System::predictor(kind.name(), learned)),
+    }
+}
+
+/// A baseline that uses recorded futures, whole.
+struct OracleBaseline(TrainedBaseline);
+
+impl gnp_data::OraclePredictor for OracleBaseline {
+    fn name(&self) -> &str {
+        self.0.kind().name()
+    }
+
+    fn predict_with_future(
+        &self,
+        windows: &[gnp_data::Window<'_>],
+        k: usize,
+    ) -> Result<Vec<gnp_data::Forecast>, gnp_data::PredictError> {
+        let informed: WithFuture<'_> = self.0.with_future().ok_or_else(|| gnp_data::PredictError::Model {
+            model: self.0.kind().name().to_owned(),
+            source: "takes no recorded future".into(),
+        })?;
+        informed.predict_with_future(windows, k)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_recipes_that_come_with_the_project_can_be_used() {
+        assert!(!Recipes::embedded().unwrap().0.is_empty());
+        for line in EMBEDDED.lines().filter(|line| line.contains(" = ")) {
+            assert!(line.starts_with('#') || line.contains(" # "), "no comment: {line}");
+        }
+    }
+
+    #[test]
+    fn a_baseline_or_key_that_does_not_exist_is_named() {
+        let message = |text: &str| Recipes::parse(text).unwrap_err().chain();
+        let text = EMBEDDED;
+        assert!(message(&text.replacen("[cs_lstm]", "[cslstm]", 1)).contains("[cslstm]"));
+        assert!(message(&text.replacen("decay =", "decoy =", 1)).contains("decoy"));
+        assert!(message(&text.replacen("unit_m = 5.0", "unit_m = 0.0", 1)).contains("unit_m"));
+    }
+}
