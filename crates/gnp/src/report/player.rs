@@ -51,7 +51,7 @@ fn played_forecast(made: &Made<'_>, every: usize) -> PlayedForecast {
         path: mode.path.iter().skip(every - 1).step_by(every).flatten().map(|v| centimetres(*v)).collect(),
     };
     let steps = made.explanation().into_iter().flat_map(|explanation| {
-        (0..explanation.steps()).step_by(every).map(|step| PlayedStep::of(explanation, step, short))
+        (0..explanation.steps()).step_by(every).map(move |step| PlayedStep::of(explanation, step, short))
     });
     PlayedForecast {
         vehicle: made.vehicle,
