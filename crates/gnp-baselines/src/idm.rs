@@ -146,7 +146,7 @@ impl Idm {
         let shape = observation.shape();
         let periods = periods(NAME, shape, SPAN_S, 1)?;
         let [vx, vy] = velocity(observation, periods);
-        let mut leader = observation.neighbour(Slot::Preceding as usize).map(|leader| {
+        let mut leader = observation.neighbour(Slot::Preceding).map(|leader| {
             let gap = leader.now().x - (leader.size()[0] + observation.size()[0]) / 2.;
             Leader { speed: speed(&leader, shape.t_obs, periods, shape.dt()).max(0.), gap: f64::from(gap) }
         });

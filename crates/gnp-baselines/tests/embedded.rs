@@ -9,8 +9,8 @@ use gnp_data::{Dataset, Expectation, Predictor, Recording, WindowConfig, WindowS
 
 fn embedded(site: &str) -> Vec<Recording> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/ngsim");
-    let expect = Expectation { dataset: Dataset::Ngsim, rate_hz: Some(10.) };
-    let sources = discover(&folder, Dataset::Ngsim).unwrap();
+    let expect = Expectation { dataset: Dataset::NGSIM, rate_hz: Some(10.) };
+    let sources = discover(&folder, Dataset::NGSIM).unwrap();
     let recordings = sources.iter().flat_map(|source| read(source, &expect).unwrap());
     recordings.map(|(recording, _)| recording).filter(|recording| recording.meta().site == site).collect()
 }

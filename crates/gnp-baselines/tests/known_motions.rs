@@ -4,8 +4,7 @@
 
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity};
 use gnp_data::{
-    Columns, Dataset, Observation, PredictError, Predictor, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass,
-    WindowShape,
+    Columns, Dataset, Observation, PredictError, Predictor, Recording, RecordingMeta, Road, SLOTS, Track, WindowShape,
 };
 
 const SHAPE: WindowShape = WindowShape { t_obs: 16, t_pred: 30, step: 1, rate_hz: 10. };
@@ -25,23 +24,8 @@ fn driven(shape: WindowShape, at: impl Fn(f64) -> [f64; 2]) -> Recording {
         lane: vec![1; rows],
         neighbours: vec![[u32::MAX; SLOTS]; rows],
     };
-    let track = Track {
-        vehicle: 1,
-        segment: 0,
-        road: 0,
-        class: VehicleClass::Car,
-        length: 4.5,
-        width: 1.8,
-        first_frame: 3,
-        rows: 0..rows,
-    };
-    let meta = RecordingMeta {
-        dataset: Dataset::Ngsim,
-        site: "s".into(),
-        name: "a".into(),
-        rate_hz: shape.rate_hz,
-        simulated: true,
-    };
+    let track = Track::new(1, [4.5, 1.8], 3, 0..rows);
+    let meta = RecordingMeta::new(Dataset::NGSIM, "s", "a", shape.rate_hz).with_simulated(true);
     let road = Road { driving_direction: 2, lines: vec![], fitted: false };
     Recording::from_parts(meta, vec![road], vec![track], columns).unwrap()
 }

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 use gnp::{Setting, Stage};
 
-use crate::names::{DatasetName, DeviceName, ProtocolName};
+use gnp_data::Dataset;
+
+use crate::names::{DeviceName, ProtocolName};
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -131,8 +133,8 @@ pub struct IngestArgs {
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RunArgs {
     /// Kind of data; picks configs/ngsim.toml or configs/highd.toml unless --config is given.
-    #[arg(long, value_enum)]
-    pub(crate) dataset: Option<DatasetName>,
+    #[arg(long, value_parser = crate::names::dataset, value_name = "NAME")]
+    pub(crate) dataset: Option<Dataset>,
     /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
     #[arg(long, value_name = "DIR")]
     pub(crate) data_dir: Option<PathBuf>,
@@ -217,7 +219,7 @@ pub struct EvaluateArgs {
     pub(crate) out: Option<PathBuf>,
     /// Kind of data that the predictions are for.
     #[arg(long, value_enum, requires = "predictions")]
-    pub(crate) dataset: Option<DatasetName>,
+    pub(crate) dataset: Option<Dataset>,
     /// Configuration that says how windows are cut for predictions [default: that of the data set].
     #[arg(long, value_name = "FILE", requires = "predictions", conflicts_with = "run")]
     pub(crate) config: Option<PathBuf>,
@@ -335,7 +337,7 @@ mod tests {
     fn settings_and_flags_are_understood() {
         let cli = Cli::try_parse_from(["gnp", "pipeline", "--dataset", "highd", "--set", "goal.epochs=3", "--quiet"]);
         let Command::Pipeline(PipelineArgs { run, machine, .. }) = cli.unwrap().command else { panic!("not pipeline") };
-        assert_eq!(run.dataset, Some(DatasetName::Highd));
+        assert_eq!(run.dataset, Some(Dataset::HIGHD));
         assert_eq!(run.set, [Setting { key: "goal.epochs".into(), text: "3".into() }]);
         assert!(machine.quiet && machine.device == DeviceName::Cpu);
     }

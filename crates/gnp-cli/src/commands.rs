@@ -9,14 +9,13 @@ use gnp::{
     Machine, Plan, PredictionsOn, Progress as _, Recipes, Run, RunConfig, Stage, memory, score_predictions,
     score_recordings,
 };
-use gnp_data::Dataset;
+use gnp_data::FORMATS;
 use gnp_eval::Protocol;
 
 use crate::arguments::{
     Command, EvaluateArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs, RunArgs, StageArgs, TableArgs,
     TrainArgs,
 };
-use crate::names::DatasetName;
 use crate::program::Program;
 use crate::terminal::Terminal;
 
@@ -79,7 +78,7 @@ fn describe(args: &IngestArgs, program: &Program) -> Result<()> {
     let terminal = Terminal::start(args.machine.quiet, args.machine.verbose, program);
     let run = &args.run;
     let datasets = match (run.dataset, &run.config) {
-        (None, None) => vec![Dataset::Ngsim, Dataset::HighD],
+        (None, None) => FORMATS.iter().map(|format| format.dataset()).collect(),
         _ => vec![resolve(run)?.0.dataset],
     };
     if let (Some(dir), true) = (&run.data_dir, datasets.len() > 1) {
@@ -139,7 +138,7 @@ fn evaluate_predictions(args: &EvaluateArgs, file: &Path, machine: &Machine) -> 
         Some(folder) => {
             let dataset = Run::open(folder, machine)?.config().dataset;
             if let Some(asked) = args.dataset
-                && Dataset::from(asked) != dataset
+                && asked != dataset
             {
                 bail!("--dataset {} but {} is of other data", asked.as_str(), folder.display());
             }
@@ -221,7 +220,7 @@ fn plan(args: &RunArgs, program: &Program) -> Result<Plan> {
         if let Some(place) = there {
             let mut plan = Plan::resume(place);
             plan.data.clone_from(&args.data_dir);
-            plan.dataset = args.dataset.map(Dataset::from);
+            plan.dataset = args.dataset;
             if plan.is_started()? {
                 return Ok(plan);
             }
@@ -241,15 +240,15 @@ fn resolve(args: &RunArgs) -> Result<(RunConfig, String)> {
             (RunConfig::read(path, &args.set)?, name, path.display().to_string())
         }
         (None, Some(dataset)) => {
-            let name = DatasetName::as_str(dataset);
+            let name = dataset.as_str();
             (RunConfig::embedded(name, &args.set)?, name.to_owned(), format!("configs/{name}.toml"))
         }
         (None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config FILE"),
     };
     if let Some(asked) = args.dataset
-        && Dataset::from(asked) != config.dataset
+        && asked != config.dataset
     {
-        bail!("--dataset {} but {shown} is for {}", asked.as_str(), gnp::dataset_name(config.dataset));
+        bail!("--dataset {} but {shown} is for {}", asked.as_str(), config.dataset);
     }
     Ok((config, name))
 }

@@ -1,7 +1,7 @@
 //! Values of arguments that are names.
 
 use clap::ValueEnum;
-use gnp_data::Dataset;
+use gnp_data::{Dataset, DatasetNameError, format_of};
 use gnp_eval::Protocol;
 
 /// `--protocol`.
@@ -34,32 +34,10 @@ impl From<ProtocolName> for Protocol {
     }
 }
 
-/// `--dataset`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum DatasetName {
-    /// US-101 and I-80, 10 Hz; embedded: real scenes.
-    Ngsim,
-    /// highD, 25 Hz; embedded: simulated recordings in its layout.
-    Highd,
-}
-
-impl DatasetName {
-    /// As on the command line and in file names.
-    pub(crate) fn as_str(self) -> &'static str {
-        match self {
-            Self::Ngsim => "ngsim",
-            Self::Highd => "highd",
-        }
-    }
-}
-
-impl From<DatasetName> for Dataset {
-    fn from(name: DatasetName) -> Self {
-        match name {
-            DatasetName::Ngsim => Self::Ngsim,
-            DatasetName::Highd => Self::HighD,
-        }
-    }
+/// `--dataset`: a dataset whose files can be read.
+pub(crate) fn dataset(text: &str) -> Result<Dataset, String> {
+    let dataset: Dataset = text.parse().map_err(|error: DatasetNameError| error.to_string())?;
+    format_of(dataset).map(|_| dataset).map_err(|error| error.to_string())
 }
 
 /// `--device`.

@@ -50,8 +50,8 @@ fn ingest(criterion: &mut Criterion) -> Result<(), Box<dyn std::error::Error>> {
     let (ngsim, rows) = copies(&fixtures.join("ngsim/i80-lanes123.csv.gz"), &[0], 4000)?;
     std::fs::write(folder.path().join("i80.csv"), ngsim)?;
     group.throughput(Throughput::Elements(rows));
-    let expect = Expectation { dataset: Dataset::Ngsim, rate_hz: None };
-    let sources = discover(folder.path(), Dataset::Ngsim)?;
+    let expect = Expectation { dataset: Dataset::NGSIM, rate_hz: None };
+    let sources = discover(folder.path(), Dataset::NGSIM)?;
     group.bench_function(format!("ngsim_csv/{rows}_rows"), |b| b.iter(|| read(&sources[0], &expect)));
 
     let folder = tempfile::tempdir()?;
@@ -62,8 +62,8 @@ fn ingest(criterion: &mut Criterion) -> Result<(), Box<dyn std::error::Error>> {
     std::fs::write(folder.path().join("02_tracksMeta.csv"), bodies)?;
     std::fs::copy(fixtures.join("highd/02_recordingMeta.csv"), folder.path().join("02_recordingMeta.csv"))?;
     group.throughput(Throughput::Elements(rows));
-    let expect = Expectation { dataset: Dataset::HighD, rate_hz: None };
-    let sources = discover(folder.path(), Dataset::HighD)?;
+    let expect = Expectation { dataset: Dataset::HIGHD, rate_hz: None };
+    let sources = discover(folder.path(), Dataset::HIGHD)?;
     group.bench_function(format!("highd_csv/{rows}_rows"), |b| b.iter(|| read(&sources[0], &expect)));
     group.finish();
     Ok(())

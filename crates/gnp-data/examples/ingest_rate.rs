@@ -10,7 +10,7 @@ use gnp_data::{DataError, Dataset, Expectation, discover, read};
 
 fn main() -> Result<(), DataError> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let dataset = if arguments.first().is_some_and(|name| name == "highd") { Dataset::HighD } else { Dataset::Ngsim };
+    let dataset = if arguments.first().is_some_and(|name| name == "highd") { Dataset::HIGHD } else { Dataset::NGSIM };
     let path = arguments.get(1).map_or("fixtures/ngsim", String::as_str);
     let copies: usize = arguments.get(2).and_then(|copies| copies.parse().ok()).unwrap_or(1);
 

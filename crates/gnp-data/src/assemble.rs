@@ -7,73 +7,161 @@ use crate::error::DataError;
 use crate::ingest_report::IngestReport;
 use crate::lookup::FrameIndex;
 use crate::neighbours;
-use crate::recording::{Columns, NO_TRACK, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass};
+use crate::parts::check_span;
+use crate::recording::{Columns, NO_TRACK, Recording, RecordingMeta, Road, Track, VehicleClass, VelocitySource};
+use crate::slot::SLOTS;
 
-/// Rows of one recording in SI units and the road frame, in the order of the file.
-pub(crate) struct Rows {
-    pub(crate) vehicle: Vec<u32>,
-    pub(crate) frame: Vec<u32>,
+/// Rows of one recording in SI units and the road frame, in any order: what the reader of a format
+/// makes, and [`Recording::from_rows`] takes. All columns are of one length.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Rows {
+    /// Vehicle of each row.
+    pub vehicle: Vec<u32>,
+    /// Frame of each row.
+    pub frame: Vec<u32>,
     /// Centre of the box, forward, m.
-    pub(crate) x: Vec<f32>,
+    pub x: Vec<f32>,
     /// Centre of the box, to the left, m.
-    pub(crate) y: Vec<f32>,
-    /// Recorded velocity, m/s; differentiated from positions where there is none.
-    pub(crate) velocity: Option<[Vec<f32>; 2]>,
-    /// Lane number of the file.
-    pub(crate) lane: Vec<i16>,
-    /// Vehicle in each slot, 0 or less for none; found from lanes where there is none.
-    pub(crate) neighbours: Option<[Vec<i32>; SLOTS]>,
+    pub y: Vec<f32>,
+    /// Recorded velocity forward and to the left, m/s; differentiated from positions where there is none.
+    pub velocity: Option<[Vec<f32>; 2]>,
+    /// Lane number of the file; 0 where unknown.
+    pub lane: Vec<i16>,
+    /// Who is in the eight slots.
+    pub neighbours: NeighbourSource,
 }
 
-/// What a track is, as its first row says.
+impl Rows {
+    /// Positions alone: no lanes, velocities to be derived, neighbours to be found where lanes are
+    /// set. The other columns may be set afterwards.
+    #[must_use]
+    pub fn new(vehicle: Vec<u32>, frame: Vec<u32>, x: Vec<f32>, y: Vec<f32>) -> Self {
+        let lane = vec![0; x.len()];
+        let neighbours = NeighbourSource::Lanes(|lane| lane);
+        Self { vehicle, frame, x, y, velocity: None, lane, neighbours }
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let mut lengths = vec![self.vehicle.len(), self.frame.len(), self.y.len(), self.lane.len()];
+        lengths.extend(self.velocity.iter().flatten().map(Vec::len));
+        if let NeighbourSource::Named(slots) = &self.neighbours {
+            lengths.extend(slots.iter().map(Vec::len));
+        }
+        let rows = self.x.len();
+        if !lengths.iter().all(|n| *n == rows) || u32::try_from(rows).is_err() {
+            return Err(format!(
+                "columns have {lengths:?} rows where x has {rows}; all must have the same, below 4 billion"
+            ));
+        }
+        // Before the frames are gone through one by one.
+        let (first, last) = (self.frame.iter().min().copied(), self.frame.iter().max().copied());
+        check_span(first.unwrap_or(0), last.unwrap_or(0))
+    }
+}
+
+/// Where the neighbours of a recording's rows come from.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub enum NeighbourSource {
+    /// The data names the vehicle in each slot, in the order of [`Slot::ALL`](crate::Slot::ALL); 0
+    /// or less for none.
+    Named(Box<[Vec<i32>; SLOTS]>),
+    /// They are found by [`find_neighbours`](crate::find_neighbours). The function gives a lane
+    /// number of the data its place in the order from left to right, 1 leftmost; for most data that
+    /// is the number itself.
+    Lanes(fn(i16) -> i16),
+}
+
+/// What a vehicle is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Body {
-    pub(crate) class: VehicleClass,
-    pub(crate) length: f32,
-    pub(crate) width: f32,
-    pub(crate) road: u16,
+pub struct VehicleBody {
+    /// Kind of vehicle.
+    pub class: VehicleClass,
+    /// Extent along the road, m.
+    pub length: f32,
+    /// Extent across the road, m.
+    pub width: f32,
+    /// Index of its carriageway.
+    pub road: u16,
 }
 
-/// The recording, and a report with everything but what only the reader of the file knows. `body`
-/// is asked for a row of `rows`.
-pub(crate) fn assemble(
+/// Rows that were left out.
+struct Dropped {
+    duplicates: u64,
+    conflicts: u64,
+    unknown_neighbours: u64,
+}
+
+impl Recording {
+    /// A recording of `rows`, and a report with everything but what only the reader of the file
+    /// knows. `body` is asked for a row of `rows`; that of a track's first row counts.
+    ///
+    /// Rows are sorted by vehicle and frame. Of several rows of a vehicle and frame the first is
+    /// kept; a gap parts a vehicle's track in two. `meta.velocities` is set by whether the rows have
+    /// velocities.
+    ///
+    /// # Errors
+    /// As [`Recording::from_parts`]; when columns differ in length.
+    pub fn from_rows(
+        meta: RecordingMeta,
+        roads: Vec<Road>,
+        rows: Rows,
+        body: impl Fn(usize) -> VehicleBody,
+    ) -> Result<(Self, IngestReport), DataError> {
+        let rows_read = rows.x.len() as u64;
+        let (recording, dropped) = assemble(meta, roads, rows, body)?;
+        let mut report = IngestReport::of(&recording);
+        report.rows_read = rows_read;
+        report.duplicates = dropped.duplicates;
+        report.conflicts = dropped.conflicts;
+        report.unknown_neighbours = dropped.unknown_neighbours;
+        Ok((recording, report))
+    }
+
+    /// As [`Recording::from_rows`], without a report.
+    pub(crate) fn without_report(
+        meta: RecordingMeta,
+        roads: Vec<Road>,
+        rows: Rows,
+        body: impl Fn(usize) -> VehicleBody,
+    ) -> Result<Self, DataError> {
+        assemble(meta, roads, rows, body).map(|(recording, _)| recording)
+    }
+}
+
+fn assemble(
     meta: RecordingMeta,
     roads: Vec<Road>,
     rows: Rows,
-    body: impl Fn(usize) -> Body,
-) -> Result<(Recording, IngestReport), DataError> {
-    let rows_read = rows.x.len() as u64;
+    body: impl Fn(usize) -> VehicleBody,
+) -> Result<(Recording, Dropped), DataError> {
+    rows.check().map_err(|reason| DataError::Parts { recording: meta.name.clone(), reason })?;
     let Kept { order, duplicates, conflicts } = keep(&rows, &body);
     let pick = |row: usize| order.as_ref().map_or(row, |order| order[row] as usize);
     let count = order.as_ref().map_or(rows.x.len(), Vec::len);
     let tracks = tracks(&rows, count, pick, body);
 
-    let (neighbours, unknown) = match &rows.neighbours {
-        Some(ids) => named(ids, &tracks, pick, count),
-        None => (Vec::new(), 0),
+    let named = match &rows.neighbours {
+        NeighbourSource::Named(ids) => Ok(named(ids, &tracks, pick, count)),
+        NeighbourSource::Lanes(from_left) => Err(*from_left),
     };
     let Rows { x, y, velocity, lane, .. } = rows;
     let x = reorder(x, order.as_deref());
     let y = reorder(y, order.as_deref());
     let lane = reorder(lane, order.as_deref());
+    let velocities = if velocity.is_some() { VelocitySource::Recorded } else { VelocitySource::Derived };
     let [vx, vy] = match velocity {
         Some(recorded) => recorded.map(|v| reorder(v, order.as_deref())),
         None => [&x, &y].map(|position| derivative(position, &tracks, meta.rate_hz)),
     };
-    let neighbours = if neighbours.is_empty() && count > 0 {
+    let (neighbours, unknown_neighbours) = named.unwrap_or_else(|from_left| {
         let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
-        neighbours::from_lanes(&tracks, &FrameIndex::new(&spans), &x, &lane)
-    } else {
-        neighbours
-    };
+        (neighbours::from_lanes(&tracks, &FrameIndex::new(&spans), &x, &lane, from_left), 0)
+    });
     let columns = Columns { x, y, vx, vy, lane, neighbours };
-    let recording = Recording::from_parts(meta, roads, tracks, columns)?;
-    let mut quality = IngestReport::of(&recording);
-    quality.rows_read = rows_read;
-    quality.duplicates = duplicates;
-    quality.conflicts = conflicts;
-    quality.unknown_neighbours = unknown;
-    Ok((recording, quality))
+    let recording = Recording::from_parts(meta.with_velocities(velocities), roads, tracks, columns)?;
+    Ok((recording, Dropped { duplicates, conflicts, unknown_neighbours }))
 }
 
 /// Rows that are kept, by vehicle and frame.
@@ -84,7 +172,7 @@ struct Kept {
     conflicts: u64,
 }
 
-fn keep(rows: &Rows, body: &impl Fn(usize) -> Body) -> Kept {
+fn keep(rows: &Rows, body: &impl Fn(usize) -> VehicleBody) -> Kept {
     let key = |row: usize| (rows.vehicle[row], rows.frame[row]);
     if (1..rows.x.len()).all(|row| key(row - 1) < key(row)) {
         return Kept { order: None, duplicates: 0, conflicts: 0 };
@@ -92,10 +180,14 @@ fn keep(rows: &Rows, body: &impl Fn(usize) -> Body) -> Kept {
     let mut order: Vec<u32> = (0..rows.x.len() as u32).collect();
     // The place in the file decides between equals: the first row of a frame is kept.
     order.par_sort_unstable_by_key(|row| (key(*row as usize), *row));
+    let ids = match &rows.neighbours {
+        NeighbourSource::Named(ids) => &ids[..],
+        NeighbourSource::Lanes(_) => &[],
+    };
     let same = |a: usize, b: usize| {
         (rows.x[a], rows.y[a], rows.lane[a]) == (rows.x[b], rows.y[b], rows.lane[b])
             && rows.velocity.iter().flatten().all(|v| v[a] == v[b])
-            && rows.neighbours.iter().flatten().all(|v| v[a] == v[b])
+            && ids.iter().all(|v| v[a] == v[b])
             && body(a) == body(b)
     };
     let (mut duplicates, mut conflicts) = (0, 0);
@@ -113,7 +205,7 @@ fn keep(rows: &Rows, body: &impl Fn(usize) -> Body) -> Kept {
 }
 
 /// Gap-free tracks of the kept rows.
-fn tracks(rows: &Rows, count: usize, pick: impl Fn(usize) -> usize, body: impl Fn(usize) -> Body) -> Vec<Track> {
+fn tracks(rows: &Rows, count: usize, pick: impl Fn(usize) -> usize, body: impl Fn(usize) -> VehicleBody) -> Vec<Track> {
     let mut tracks: Vec<Track> = Vec::new();
     let mut before: Option<(u32, u32)> = None;
     for i in 0..count {
@@ -124,7 +216,7 @@ fn tracks(rows: &Rows, count: usize, pick: impl Fn(usize) -> usize, body: impl F
             (_, last) => {
                 let segment =
                     last.filter(|last| last.vehicle == vehicle).map_or(0, |last| last.segment.saturating_add(1));
-                let Body { class, length, width, road } = body(row);
+                let VehicleBody { class, length, width, road } = body(row);
                 let rows = i..i + 1;
                 tracks.push(Track { vehicle, segment, road, class, length, width, first_frame: frame, rows });
             }
@@ -204,10 +296,11 @@ fn named(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::Dataset;
+    use crate::dataset::Dataset;
+    use crate::slot::Slot;
 
     fn meta() -> RecordingMeta {
-        RecordingMeta { dataset: Dataset::Ngsim, site: "s".into(), name: "n".into(), rate_hz: 10., simulated: false }
+        RecordingMeta::new(Dataset::NGSIM, "s", "n", 10.)
     }
 
     fn road() -> Road {
@@ -216,19 +309,15 @@ mod tests {
 
     /// Rows given as (vehicle, frame, x).
     fn rows(given: &[(u32, u32, f32)]) -> Rows {
-        Rows {
-            vehicle: given.iter().map(|row| row.0).collect(),
-            frame: given.iter().map(|row| row.1).collect(),
-            x: given.iter().map(|row| row.2).collect(),
-            y: vec![0.; given.len()],
-            velocity: None,
-            lane: vec![1; given.len()],
-            neighbours: None,
-        }
+        let (vehicle, rest): (Vec<u32>, Vec<(u32, f32)>) = given.iter().map(|row| (row.0, (row.1, row.2))).unzip();
+        let (frame, x): (Vec<u32>, Vec<f32>) = rest.into_iter().unzip();
+        let y = vec![0.; given.len()];
+        let lane = vec![1; given.len()];
+        Rows { lane, ..Rows::new(vehicle, frame, x, y) }
     }
 
-    fn car(_: usize) -> Body {
-        Body { class: VehicleClass::Car, length: 4., width: 2., road: 0 }
+    fn car(_: usize) -> VehicleBody {
+        VehicleBody { class: VehicleClass::Car, length: 4., width: 2., road: 0 }
     }
 
     #[test]
@@ -243,7 +332,7 @@ mod tests {
             (7, 6, 60.), // after a gap
             (7, 7, 75.),
         ];
-        let (recording, quality) = assemble(meta(), vec![road()], rows(&given), car).unwrap();
+        let (recording, quality) = Recording::from_rows(meta(), vec![road()], rows(&given), car).unwrap();
         let tracks: Vec<_> =
             recording.tracks().iter().map(|t| (t.vehicle, t.segment, t.first_frame, t.rows.clone())).collect();
         assert_eq!(tracks, [(5, 0, 9, 0..1), (7, 0, 1, 1..4), (7, 1, 6, 4..6)]);
@@ -261,11 +350,31 @@ mod tests {
         let mut ids: [Vec<i32>; SLOTS] = std::array::from_fn(|_| vec![0; given.len()]);
         ids[1] = vec![0, 0, 0, 3, 3, 3, 3]; // in frame 6 vehicle 3 is gone
         ids[6] = vec![-1, 8, 8, 0, 0, 0, 0];
-        rows.neighbours = Some(ids);
-        let (recording, quality) = assemble(meta(), vec![road()], rows, car).unwrap();
-        let at = |slot: usize| (0..7).map(|row| recording.neighbour(row, slot)).collect::<Vec<_>>();
-        assert_eq!(at(1), [None, None, None, Some(0), Some(0), Some(1), None]);
-        assert_eq!(at(6), [None, Some(2), Some(3), None, None, None, None]);
+        rows.neighbours = NeighbourSource::Named(Box::new(ids));
+        let (recording, quality) = Recording::from_rows(meta(), vec![road()], rows, car).unwrap();
+        let at = |slot: Slot| (0..7).map(|row| recording.neighbour(row, slot)).collect::<Vec<_>>();
+        assert_eq!(at(Slot::Following), [None, None, None, Some(0), Some(0), Some(1), None]);
+        assert_eq!(at(Slot::RightAlongside), [None, Some(2), Some(3), None, None, None, None]);
         assert_eq!(quality.unknown_neighbours, 1);
+    }
+
+    #[test]
+    fn columns_of_different_lengths_are_refused() {
+        let mut short = rows(&[(1, 0, 0.), (1, 1, 1.)]);
+        short.lane.pop();
+        let error = Recording::from_rows(meta(), vec![road()], short, car).unwrap_err().to_string();
+        assert!(error.contains("rows"), "{error}");
+    }
+
+    #[test]
+    fn velocities_are_recorded_where_rows_have_them() {
+        let given = rows(&[(1, 0, 0.), (1, 1, 1.)]);
+        let source = |rows| {
+            let (recording, _) = Recording::from_rows(meta(), vec![road()], rows, car).unwrap();
+            (recording.meta().velocities, recording.velocity_one_sided(0, 0))
+        };
+        assert_eq!(source(given.clone()), (VelocitySource::Derived, None));
+        let measured = Rows { velocity: Some([vec![3.; 2], vec![4.; 2]]), ..given };
+        assert_eq!(source(measured), (VelocitySource::Recorded, Some([3., 4.])));
     }
 }

@@ -13,10 +13,11 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use crate::error::DataError;
-use crate::recording::{Columns, Recording, RecordingMeta, Road, SLOTS, Track};
+use crate::recording::{Columns, Recording, RecordingMeta, Road, Track};
+use crate::slot::SLOTS;
 
 const MAGIC: &[u8; 8] = b"GNPREC\r\n";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Bytes before the header: magic, version, checksum, header length.
 const PREFIX: usize = 8 + 4 + 32 + 8;
 const ROW: usize = 4 * 4 + 2 + SLOTS * 4;

@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+use crate::dataset::Dataset;
+use crate::window_shape::WindowError;
+
 /// Why recordings could not be found, read, checked, cut or kept. Every message names the file, the
 /// line or the column where there is one, and the remedy.
 #[derive(Debug, thiserror::Error)]
@@ -30,9 +33,17 @@ pub enum DataError {
         /// The folder or file that was searched.
         folder: PathBuf,
         /// What would have been accepted.
-        expected: &'static str,
+        expected: String,
         /// What was there instead.
         seen: String,
+    },
+    /// A dataset that no format is known for.
+    #[error("there is no dataset `{dataset}`; known are: {known}")]
+    UnknownDataset {
+        /// The name.
+        dataset: Dataset,
+        /// Names that have a format, separated by commas.
+        known: String,
     },
     /// A table without one of its columns.
     #[error("{}, line 1: column `{column}` is missing (the header has: {found}); restore the column from the original download", file.display())]
@@ -219,6 +230,9 @@ pub enum DataError {
         /// Rate asked for, Hz.
         window_hz: f64,
     },
+    /// A window that a recording does not hold.
+    #[error(transparent)]
+    Window(#[from] WindowError),
     /// Two recordings of one name, so that a window's name would not tell them apart.
     #[error("two recordings are named {recording}; rename a file or leave one out")]
     DuplicateRecording {

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::recording::{Dataset, Recording};
+use crate::dataset::Dataset;
+use crate::recording::Recording;
 
 /// Speed between two frames above which a row counts as a jump, m/s.
 pub const JUMP_SPEED: f64 = 70.;

@@ -10,13 +10,14 @@ use crate::recording::LaneMarking;
 const LANE_WIDTH: f32 = 3.66;
 
 /// No lane is wider, m.
+#[cfg(feature = "readers")]
 pub(crate) const MAX_LANE_WIDTH: f32 = 8.;
 
 /// Lanes beyond this number are ramps: they lie beside the main lanes only for a part of the road.
 const MAIN_LANES: i16 = 6;
 
-/// A lane with a smaller share of the rows than this does not take part in the fit.
-const MIN_SHARE: f64 = 0.005;
+/// A lane with a smaller fraction of the rows than this does not take part in the fit.
+const MIN_FRACTION: f64 = 0.005;
 
 /// Nor does one with fewer rows.
 const MIN_ROWS: usize = 20;
@@ -27,24 +28,28 @@ const MIN_SPACING: f32 = 1.5;
 /// Positions a lane's centre is the median of, at most; an even choice of more.
 const SAMPLE: usize = 50_000;
 
-/// Lines of the main lanes, from right to left. `lane` counts from 1 at the left, 0 is unknown; `y`
-/// grows to the left, m.
+/// Lines of a carriageway fitted to rows, from right to left, for data without markings. `lane` is
+/// the lane number of each row, 1 the leftmost, 0 unknown; `y` its lateral position, growing to the
+/// left, m. Empty where no lane is known.
 ///
 /// A line between two lanes lies midway between the medians of their lateral positions; the edges
-/// lie one lane's width beyond the outermost of these. A single lane has its edges half a lane's
-/// width from its median. Lanes with very few rows, and numbers beyond 6 (ramps), are left out;
-/// a lane without rows between two others gets its lines by equal spacing.
-pub(crate) fn fit(lane: &[i16], y: &[f32]) -> Fit {
+/// lie one lane's width (3.66 m) beyond the outermost of these. A single lane has its edges half a
+/// lane's width from its median. Lanes with very few rows, and numbers beyond 6 (ramps), are left
+/// out; a lane without rows between two others gets its lines by equal spacing.
+#[must_use]
+pub fn fit_lanes(lane: &[i16], y: &[f32]) -> LaneFit {
     let centres = centres(lane, y);
-    Fit { lines: lines(&centres), width: width(&centres) }
+    LaneFit { lines: lines(&centres), width: width(&centres) }
 }
 
-/// Lane lines, and how wide the lanes between them are.
-pub(crate) struct Fit {
-    /// From right to left.
-    pub(crate) lines: Vec<LaneMarking>,
+/// Lanes fitted by [`fit_lanes`].
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct LaneFit {
+    /// Lane lines from right to left.
+    pub lines: Vec<LaneMarking>,
     /// Mean distance between the centres of neighbouring lanes, m; `None` with fewer than two lanes.
-    pub(crate) width: Option<f32>,
+    pub width: Option<f32>,
 }
 
 fn lines(centres: &[(i16, f32)]) -> Vec<LaneMarking> {
@@ -80,7 +85,7 @@ fn centres(lane: &[i16], y: &[f32]) -> Vec<(i16, f32)> {
     }
     let all: usize = counts.values().sum();
     // A recording of a few rows still has lanes: the bound never exceeds a tenth of it.
-    let least = ((all as f64 * MIN_SHARE) as usize).max(MIN_ROWS.min(all / 10));
+    let least = ((all as f64 * MIN_FRACTION) as usize).max(MIN_ROWS.min(all / 10));
     let mut centres: Vec<(i16, f32, usize)> = Vec::new();
     for (number, count) in counts.into_iter().filter(|(_, count)| *count >= least) {
         let rows = lane.iter().zip(y).filter(|(have, _)| **have == number);
@@ -124,7 +129,7 @@ mod tests {
 
     fn lines(lanes: &[(i16, f32, usize)]) -> Vec<(MarkingKind, f32)> {
         let (lane, y) = rows(lanes);
-        fit(&lane, &y).lines.iter().map(|line| (line.kind, (line.y * 100.).round() / 100.)).collect()
+        fit_lanes(&lane, &y).lines.iter().map(|line| (line.kind, (line.y * 100.).round() / 100.)).collect()
     }
 
     use MarkingKind::{Boundary, LaneDivider};

@@ -4,39 +4,58 @@
 //! along the road, y to the left, the point is the centre of the vehicle's box. The last observed
 //! frame of a window is its origin. No value of a later frame can be reached through an
 //! [`Observation`].
+//!
+//! Recordings come from files through a [`Format`] ([`FORMATS`] lists NGSIM and highD), or from a
+//! program's own tracks through a [`LiveScene`].
+//!
+//! Feature `readers`, on by default: the formats of this crate, and with them polars. Without it
+//! there are recordings, windows, splits and predictors, and formats of other crates.
 
 mod assemble;
 mod cache;
+mod dataset;
+mod discover;
 mod error;
 mod explanation;
+mod format;
+mod formats;
 mod ingest_report;
 mod lanes;
+mod live;
 mod lookup;
 mod neighbours;
 mod overlap;
 mod parts;
 mod predictor;
-mod reader;
 mod recording;
 pub mod schema;
+mod slot;
 mod split;
 mod standardise;
 mod velocity;
 mod window;
+mod window_shape;
 mod windows;
 
+pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
+pub use crate::dataset::{Dataset, DatasetNameError};
+pub use crate::discover::{FoundFile, FoundFiles, discover_with};
 pub use crate::error::DataError;
+pub use crate::format::{Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read};
 pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
+pub use crate::lanes::{LaneFit, fit_lanes};
+pub use crate::live::{LiveError, LiveScene, Sample};
+pub use crate::neighbours::{LanePosition, find_neighbours};
 pub use crate::overlap::{Overlap, groups, overlaps};
 pub use crate::explanation::{Explanation, TermForces};
 pub use crate::predictor::{Forecast, Mode, OraclePredictor, PredictError, Predictor};
-pub use crate::reader::{Expectation, Source, discover, read};
 pub use crate::recording::{
-    Columns, Dataset, LaneMarking, Recording, RecordingMeta, Road, SLOTS, Slot, Track, TrackState,
-    VehicleClass,
+    Columns, LaneMarking, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,
 };
+pub use crate::slot::{BySlot, SLOTS, Slot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
-pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey, WindowShape};
+pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey};
+pub use crate::window_shape::{WindowError, WindowShape};
 pub use crate::windows::{DropCounts, RecordingDrops, WindowConfig, WindowSet};
 pub use gnp_force::MarkingKind;

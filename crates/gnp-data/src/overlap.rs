@@ -23,13 +23,13 @@ const LATERAL_TOLERANCE: f32 = 0.06;
 const LONGITUDINAL_TOLERANCE: f32 = 0.2;
 /// A snippet must change its speed by at least this to tell drivers apart, m/s.
 const DISTINCTIVE: f32 = 0.15;
-/// Signatures that more snippets than this share tell nobody apart.
+/// A signature that more snippets than this have tells no vehicles apart.
 const COMMON: usize = 256;
 /// Vehicles that must agree at one shift in time and in space. One or two may do so by chance.
 const VEHICLES: usize = 3;
 /// Shifts in space that count as one, m: scenes may start at different points of the road.
 const PLACE: f32 = 0.5;
-/// Rows above which only a share of the signatures is kept, chosen by the signature itself.
+/// Rows above which only a fraction of the signatures is kept, chosen by the signature itself.
 const ROWS_IN_FULL: usize = 1_000_000;
 
 /// Two recordings that show the same vehicles.
@@ -192,7 +192,9 @@ pub fn groups(recordings: &[Recording], overlaps: &[Overlap]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::{Columns, Dataset, NO_TRACK, RecordingMeta, Road, SLOTS, Track, VehicleClass};
+    use crate::dataset::Dataset;
+    use crate::recording::{Columns, NO_TRACK, RecordingMeta, Road, Track};
+    use crate::slot::SLOTS;
 
     /// A cut of frames `from..from + 60` of made-up traffic: vehicle `i` speeds up and slows down
     /// in its own rhythm. `noise` moves every value a little, as a second measurement would.
@@ -210,24 +212,10 @@ mod tests {
                 columns.lane.push(1);
                 columns.neighbours.push([NO_TRACK; SLOTS]);
             }
-            tracks.push(Track {
-                vehicle: n as u32 + 1,
-                segment: 0,
-                road: 0,
-                class: VehicleClass::Car,
-                length: 4. + 0.1 * i as f32,
-                width: 2.,
-                first_frame: 1,
-                rows: start..columns.x.len(),
-            });
+            let size = [4. + 0.1 * i as f32, 2.];
+            tracks.push(Track::new(n as u32 + 1, size, 1, start..columns.x.len()));
         }
-        let meta = RecordingMeta {
-            dataset: Dataset::Ngsim,
-            site: "us-101".to_owned(),
-            name: name.to_owned(),
-            rate_hz: 10.,
-            simulated: false,
-        };
+        let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", name, 10.);
         let roads = vec![Road { driving_direction: 2, lines: Vec::new(), fitted: false }];
         Recording::from_parts(meta, roads, tracks, columns).unwrap()
     }

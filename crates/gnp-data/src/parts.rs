@@ -83,6 +83,11 @@ fn check_tracks(tracks: &[Track], roads: usize, rows: usize) -> Result<(), Strin
     }
     let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
     let last = tracks.iter().map(Track::last_frame).max().unwrap_or(0);
+    check_span(first, last)
+}
+
+/// Refuses frames further apart than [`MAX_FRAMES`].
+pub(crate) fn check_span(first: u32, last: u32) -> Result<(), String> {
     if last - first > MAX_FRAMES {
         return Err(format!("frames {first} to {last} are more than {MAX_FRAMES} apart; check the frame column"));
     }

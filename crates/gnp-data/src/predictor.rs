@@ -2,6 +2,7 @@
 
 use crate::explanation::Explanation;
 use crate::window::{Observation, Window};
+use crate::window_shape::WindowShape;
 
 /// Anything that turns observed windows into futures: GNP, constant velocity, Kalman, IDM.
 ///
@@ -71,4 +72,23 @@ pub enum PredictError {
         #[source]
         source: Box<dyn std::error::Error + Send + Sync>,
     },
+}
+
+impl PredictError {
+    /// Refuses windows that do not fit those that `model` was made for.
+    ///
+    /// # Errors
+    /// [`PredictError::Shape`] with both shapes.
+    pub fn check_shapes(model: &str, needs: WindowShape, observations: &[Observation<'_>]) -> Result<(), PredictError> {
+        match observations.iter().map(Observation::shape).find(|shape| !needs.fits(shape)) {
+            Some(found) => Err(Self::shape(model, needs, found)),
+            None => Ok(()),
+        }
+    }
+
+    /// Windows of the shape `found` where `model` needs another one.
+    #[must_use]
+    pub fn shape(model: &str, needs: WindowShape, found: WindowShape) -> Self {
+        Self::Shape { model: model.to_owned(), needs: needs.to_string(), found: found.to_string() }
+    }
 }

@@ -5,17 +5,9 @@ use std::ops::Range;
 use gnp_force::MarkingKind;
 use serde::{Deserialize, Serialize};
 
+use crate::dataset::Dataset;
 use crate::lookup::FrameIndex;
-
-/// The data family a recording belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Dataset {
-    /// US-101 and I-80, feet, 10 Hz (United States Department of Transportation).
-    Ngsim,
-    /// German motorways from a drone, metres, 25 Hz (and anything in its file layout).
-    HighD,
-}
+use crate::slot::{SLOTS, Slot};
 
 /// What a vehicle is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -38,6 +30,15 @@ pub struct LaneMarking {
     pub y: f32,
 }
 
+impl LaneMarking {
+    /// A line at `y`, m: the edge of the carriageway, or one between lanes.
+    #[must_use]
+    pub fn new(y: f32, boundary: bool) -> Self {
+        let kind = if boundary { MarkingKind::Boundary } else { MarkingKind::LaneDivider };
+        Self { kind, y }
+    }
+}
+
 /// A carriageway: the lanes of one driving direction.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Road {
@@ -49,8 +50,20 @@ pub struct Road {
     pub fitted: bool,
 }
 
+/// Where the velocities of a recording come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VelocitySource {
+    /// From the data, measured or filtered up to the row's own frame: each row's velocity is taken.
+    Recorded,
+    /// Differentiated from positions, centrally, so that a row's velocity knows the next row. At the
+    /// last observed frame of a window it is differentiated anew, backwards.
+    Derived,
+}
+
 /// Where a recording comes from and how it was sampled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct RecordingMeta {
     /// The data family.
     pub dataset: Dataset,
@@ -62,10 +75,34 @@ pub struct RecordingMeta {
     pub rate_hz: f64,
     /// Made by a simulator: must be said wherever a number made from it appears.
     pub simulated: bool,
+    /// Where velocities come from.
+    pub velocities: VelocitySource,
+}
+
+impl RecordingMeta {
+    /// A real recording whose velocities are derived from positions, unless said otherwise.
+    #[must_use]
+    pub fn new(dataset: Dataset, site: impl Into<String>, name: impl Into<String>, rate_hz: f64) -> Self {
+        let (site, name, velocities) = (site.into(), name.into(), VelocitySource::Derived);
+        Self { dataset, site, name, rate_hz, simulated: false, velocities }
+    }
+
+    /// The same, made by a simulator or not.
+    #[must_use]
+    pub fn with_simulated(self, simulated: bool) -> Self {
+        Self { simulated, ..self }
+    }
+
+    /// The same with velocities from elsewhere.
+    #[must_use]
+    pub fn with_velocities(self, velocities: VelocitySource) -> Self {
+        Self { velocities, ..self }
+    }
 }
 
 /// A gap-free stretch of one vehicle. A vehicle with a gap has several, numbered by `segment`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Track {
     /// Identifier in the file; unique in a recording together with `segment`.
     pub vehicle: u32,
@@ -86,6 +123,14 @@ pub struct Track {
 }
 
 impl Track {
+    /// The first stretch of a car of `size` (length and width, m) on the first carriageway; the
+    /// other fields may be set afterwards.
+    #[must_use]
+    pub fn new(vehicle: u32, size: [f32; 2], first_frame: u32, rows: Range<usize>) -> Self {
+        let [length, width] = size;
+        Self { vehicle, segment: 0, road: 0, class: VehicleClass::Car, length, width, first_frame, rows }
+    }
+
     /// Frame number of the last row.
     #[must_use]
     pub fn last_frame(&self) -> u32 {
@@ -113,53 +158,6 @@ pub struct TrackState {
     pub vy: f32,
 }
 
-/// The eight neighbour slots, in the order of every array that has them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[allow(missing_docs)] // the names say it
-pub enum Slot {
-    Preceding,
-    Following,
-    LeftPreceding,
-    LeftAlongside,
-    LeftFollowing,
-    RightPreceding,
-    RightAlongside,
-    RightFollowing,
-}
-
-/// Number of neighbour slots.
-pub const SLOTS: usize = 8;
-
-impl Slot {
-    /// All slots, in order.
-    pub const ALL: [Self; SLOTS] = [
-        Self::Preceding,
-        Self::Following,
-        Self::LeftPreceding,
-        Self::LeftAlongside,
-        Self::LeftFollowing,
-        Self::RightPreceding,
-        Self::RightAlongside,
-        Self::RightFollowing,
-    ];
-
-    /// The slot seen in a mirror along the road: left and right change places.
-    #[must_use]
-    pub fn mirrored(self) -> Self {
-        match self {
-            Self::Preceding => Self::Preceding,
-            Self::Following => Self::Following,
-            Self::LeftPreceding => Self::RightPreceding,
-            Self::LeftAlongside => Self::RightAlongside,
-            Self::LeftFollowing => Self::RightFollowing,
-            Self::RightPreceding => Self::LeftPreceding,
-            Self::RightAlongside => Self::LeftAlongside,
-            Self::RightFollowing => Self::LeftFollowing,
-        }
-    }
-}
-
 /// No track in a slot of [`Columns::neighbours`].
 pub(crate) const NO_TRACK: u32 = u32::MAX;
 
@@ -173,7 +171,7 @@ pub struct Columns {
     pub x: Vec<f32>,
     /// Centre, to the left, m.
     pub y: Vec<f32>,
-    /// Velocity forward, m/s. May use the next frame: see `Observation` for the last observed one.
+    /// Velocity forward, m/s. Where it is derived it uses the next frame: see [`VelocitySource`].
     pub vx: Vec<f32>,
     /// Velocity to the left, m/s.
     pub vy: Vec<f32>,
@@ -236,7 +234,7 @@ impl Recording {
         self.frames.present(frame)
     }
 
-    /// TrackState in a row, road frame. For the velocity of the last observed frame take
+    /// State in a row, road frame. For the velocity of the last observed frame take
     /// [`Recording::velocity_one_sided`].
     #[must_use]
     pub fn state(&self, row: usize) -> TrackState {
@@ -246,8 +244,8 @@ impl Recording {
 
     /// Track in `slot` at `row`.
     #[must_use]
-    pub fn neighbour(&self, row: usize, slot: usize) -> Option<usize> {
-        let track = self.columns.neighbours[row][slot];
+    pub fn neighbour(&self, row: usize, slot: Slot) -> Option<usize> {
+        let track = self.columns.neighbours[row][slot.index()];
         (track != NO_TRACK).then_some(track as usize)
     }
 }

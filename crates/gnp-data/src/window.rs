@@ -4,44 +4,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::recording::{LaneMarking, Recording, SLOTS, Track, TrackState, VehicleClass};
-
-/// The shape of a window.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct WindowShape {
-    /// Observed frames, the last one included: a full 3 s is 31 at 10 Hz.
-    pub t_obs: usize,
-    /// Predicted frames: 5 s is 50 at 10 Hz.
-    pub t_pred: usize,
-    /// Recorded frames from one frame of a window to the next: explicit resampling by whole steps.
-    pub step: usize,
-    /// Rate of the window's frames in Hz: that of the recording divided by `step`.
-    pub rate_hz: f64,
-}
-
-impl WindowShape {
-    /// Period of the window's frames, s.
-    #[must_use]
-    pub fn dt(&self) -> f64 {
-        1. / self.rate_hz
-    }
-
-    /// Recorded frames from the first observed frame to the last predicted one, both included.
-    #[must_use]
-    pub fn span(&self) -> usize {
-        (self.t_obs.saturating_sub(1) + self.t_pred) * self.step + 1
-    }
-
-    /// Whether windows of both shapes look alike to a model: same frames at the same rate. The
-    /// step may differ, since recordings of 25 and 50 Hz both give windows of 25 Hz.
-    #[must_use]
-    pub fn fits(&self, other: &Self) -> bool {
-        self.t_obs == other.t_obs
-            && self.t_pred == other.t_pred
-            && (self.rate_hz - other.rate_hz).abs() <= 1e-6 * self.rate_hz.abs()
-    }
-}
+use crate::recording::{LaneMarking, Recording, Track, TrackState, VehicleClass};
+use crate::slot::{BySlot, Slot};
+use crate::window_shape::{WindowError, WindowShape, same_rate};
 
 /// Names a window among recordings: the key of every prediction and score.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -95,13 +60,18 @@ pub struct Window<'a> {
 }
 
 impl<'a> Window<'a> {
-    /// The view of `track` of `recording` whose last observed row is `row`; `None` when the track
-    /// does not hold all observed and predicted frames, or `shape` has none of either.
-    #[must_use]
-    pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Option<Self> {
+    /// The view of `track` of `recording` whose last observed row is `row`.
+    ///
+    /// # Errors
+    /// As [`Observation::new`]; [`WindowError::NoFuture`] when the track ends within the window.
+    pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Result<Self, WindowError> {
         let observation = Observation::new(recording, shape, track, row)?;
-        let rows = &recording.tracks()[track].rows;
-        (shape.t_pred > 0 && row + shape.t_pred * shape.step < rows.end).then_some(Self { observation })
+        let track = &recording.tracks()[track];
+        let (found, needed) = (track.rows.end - 1 - row, shape.t_pred.saturating_mul(shape.step));
+        if found < needed {
+            return Err(WindowError::NoFuture { vehicle: track.vehicle, found, needed });
+        }
+        Ok(Self { observation })
     }
 
     /// What may be seen.
@@ -124,13 +94,32 @@ impl<'a> Window<'a> {
 }
 
 impl<'a> Observation<'a> {
-    /// The view of `track` whose last observed row is `row`; `None` when the track does not hold
-    /// all observed frames, or `shape` has none or a step of 0. No future is needed: this is what online use builds.
-    #[must_use]
-    pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Option<Self> {
-        let rows = &recording.tracks().get(track)?.rows;
-        let first = row.checked_sub(shape.t_obs.checked_sub(1)? * shape.step)?;
-        (shape.step > 0 && first >= rows.start && row < rows.end).then_some(Self { recording, shape, track, row })
+    /// The view of `track` whose last observed row is `row`. No future is needed: this is what
+    /// online use builds.
+    ///
+    /// # Errors
+    /// [`WindowError`] when `shape` is none, its rate is not that of every `step`th frame of the recording,
+    /// there is no such track or row, the track does not hold all observed frames (`TooShort`, `Gap`), or
+    /// the target's velocity is not known.
+    pub fn new(recording: &'a Recording, shape: WindowShape, track: usize, row: usize) -> Result<Self, WindowError> {
+        shape.check()?;
+        let recording_hz = recording.meta().rate_hz;
+        if !same_rate(recording_hz, shape.rate_hz * shape.step as f64) {
+            return Err(WindowError::Rate { recording_hz, shape });
+        }
+        let tracks = recording.tracks().len();
+        let found = recording.tracks().get(track).ok_or(WindowError::NoTrack { track, tracks })?;
+        let &Track { vehicle, segment, ref rows, .. } = found;
+        if !rows.contains(&row) {
+            return Err(WindowError::NoRow { row, vehicle, rows: rows.clone() });
+        }
+        let (found, needed) = (row - rows.start + 1, (shape.t_obs - 1).saturating_mul(shape.step).saturating_add(1));
+        match (found < needed, segment) {
+            (true, 0) => Err(WindowError::TooShort { vehicle, found, needed }),
+            (true, _) => Err(WindowError::Gap { vehicle, found, needed }),
+            _ if recording.velocity_one_sided(track, row).is_none() => Err(WindowError::NoVelocity { vehicle }),
+            _ => Ok(Self { recording, shape, track, row }),
+        }
     }
 
     /// Its name.
@@ -151,7 +140,7 @@ impl<'a> Observation<'a> {
         self.shape
     }
 
-    /// The target's track. Its rows reach into the future, so nobody outside may follow them.
+    /// The target's track. Its rows reach into the future, so no caller may follow them.
     fn track(&self) -> &'a Track {
         &self.recording.tracks()[self.track]
     }
@@ -201,7 +190,7 @@ impl<'a> Observation<'a> {
         self.track().class
     }
 
-    /// TrackState of the target in observed frame `i` of `0..observed`, window frame; all zero for any
+    /// State of the target in observed frame `i` of `0..t_obs`, window frame; all zero for any
     /// other `i`. The velocity of the last one is one-sided.
     #[must_use]
     pub fn target(&self, i: usize) -> TrackState {
@@ -214,17 +203,17 @@ impl<'a> Observation<'a> {
         self.recording.columns().lane[self.row]
     }
 
-    /// The vehicle in neighbour slot `slot` of `0..8` at the last observed frame.
+    /// The vehicle in neighbour slot `slot` at the last observed frame.
     #[must_use]
-    pub fn neighbour(&self, slot: usize) -> Option<Neighbour<'a>> {
+    pub fn neighbour(&self, slot: Slot) -> Option<Neighbour<'a>> {
         let track = self.recording.neighbour(self.row, slot)?;
         Some(Neighbour { observation: *self, track })
     }
 
     /// Neighbours by slot.
     #[must_use]
-    pub fn neighbours(&self) -> [Option<Neighbour<'a>>; SLOTS] {
-        std::array::from_fn(|slot| self.neighbour(slot))
+    pub fn neighbours(&self) -> BySlot<Option<Neighbour<'a>>> {
+        BySlot::from_fn(|slot| self.neighbour(slot))
     }
 
     /// Every other vehicle of the target's carriageway present at the last observed frame.
@@ -244,10 +233,7 @@ impl<'a> Observation<'a> {
         self.recording.roads()[road].lines.iter().map(move |line| LaneMarking { y: line.y - y0, ..*line })
     }
 
-    /// TrackState of `track` in observed frame `i`, window frame; `None` where it is absent.
-    ///
-    /// A vehicle that appears in the last observed frame has no past to take its velocity from. It
-    /// is given the target's, so that at first it keeps its place beside the target.
+    /// State of `track` in observed frame `i`, window frame; `None` where it is absent.
     fn state_of(&self, track: usize, i: usize) -> Option<TrackState> {
         let last = self.shape.t_obs - 1;
         let back = (last.checked_sub(i)? * self.shape.step) as u32;
@@ -255,6 +241,7 @@ impl<'a> Observation<'a> {
         let row = self.recording.tracks()[track].row_at(frame)?;
         let mut state = self.recording.state(row);
         if back == 0 {
+            // An unknown velocity is assumed to be the target's, which `new` has seen to be known.
             let own = self.recording.velocity_one_sided(track, row);
             let velocity = own.or_else(|| self.recording.velocity_one_sided(self.track, self.row));
             [state.vx, state.vy] = velocity.unwrap_or_default();
@@ -291,14 +278,27 @@ pub struct Neighbour<'a> {
 }
 
 impl<'a> Neighbour<'a> {
-    /// TrackState in observed frame `i` of `0..observed`, in the **target's** window frame; `None`
-    /// where it is absent.
+    /// State in observed frame `i` of `0..t_obs`, in the **target's** window frame; `None` where it
+    /// is absent.
+    ///
+    /// A vehicle that comes into the recording in the last observed frame has no past, and where
+    /// velocities are not recorded its own is not known ([`Neighbour::velocity`] is `None`). Its
+    /// state then has the target's velocity: an assumption, that traffic moves together, under
+    /// which it keeps its place beside the target.
     #[must_use]
     pub fn state(&self, i: usize) -> Option<TrackState> {
         self.observation.state_of(self.track, i)
     }
 
-    /// TrackState at the target's last observed frame, in the target's window frame.
+    /// Its own velocity at the target's last observed frame, m/s, from rows up to that frame;
+    /// `None` where none tells it.
+    #[must_use]
+    pub fn velocity(&self) -> Option<[f32; 2]> {
+        let this = &self.observation;
+        this.recording.velocity_one_sided(self.track, this.recording.tracks()[self.track].row_at(this.frame())?)
+    }
+
+    /// State at the target's last observed frame, in the target's window frame.
     #[must_use]
     pub fn now(&self) -> TrackState {
         self.state(self.observation.shape.t_obs - 1).unwrap_or_default()
@@ -309,7 +309,7 @@ impl<'a> Neighbour<'a> {
     pub fn observation(&self) -> Option<Observation<'a>> {
         let this = &self.observation;
         let row = this.recording.tracks()[self.track].row_at(this.frame())?;
-        Observation::new(this.recording, this.shape, self.track, row)
+        Observation::new(this.recording, this.shape, self.track, row).ok()
     }
 
     /// Index of its track in the recording.
@@ -345,7 +345,7 @@ impl fmt::Debug for Neighbour<'_> {
 }
 
 impl Truth<'_> {
-    /// TrackState of the target in predicted frame `j` of `0..predicted`, window frame; all zero for any
+    /// State of the target in predicted frame `j` of `0..t_pred`, window frame; all zero for any
     /// other `j`.
     #[must_use]
     pub fn target(&self, j: usize) -> TrackState {
@@ -361,7 +361,7 @@ impl Truth<'_> {
 
     /// Recorded state of the vehicle in `slot` in predicted frame `j`; `None` where it is absent.
     #[must_use]
-    pub fn neighbour(&self, slot: usize, j: usize) -> Option<TrackState> {
+    pub fn neighbour(&self, slot: Slot, j: usize) -> Option<TrackState> {
         let track = self.observation.recording.neighbour(self.observation.row, slot)?;
         self.state_of(track, j)
     }
@@ -383,7 +383,7 @@ impl Truth<'_> {
         others.filter_map(move |track| Some((self.state_of(track, j)?, [tracks[track].length, tracks[track].width])))
     }
 
-    /// Lane number in predicted frame `j` of `0..predicted`; 0 where unknown and for any other `j`.
+    /// Lane number in predicted frame `j` of `0..t_pred`; 0 where unknown and for any other `j`.
     #[must_use]
     pub fn lane(&self, j: usize) -> i16 {
         let o = &self.observation;

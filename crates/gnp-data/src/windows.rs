@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::DataError;
 use crate::recording::Recording;
-use crate::window::{Window, WindowId, WindowShape};
+use crate::window::{Window, WindowId};
+use crate::window_shape::WindowShape;
 
 /// How recordings are cut into windows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -194,7 +195,7 @@ impl<'a> WindowSet<'a> {
     pub fn get(&self, id: WindowId) -> Option<Window<'a>> {
         let recording = self.recording(id)?;
         let shape = self.shapes[id.recording as usize];
-        Window::new(recording, shape, id.track as usize, id.row as usize)
+        Window::new(recording, shape, id.track as usize, id.row as usize).ok()
     }
 
     /// All windows, in the order of [`WindowSet::ids`].

@@ -23,7 +23,7 @@ fn split_config(kind: SplitKind, sites: BTreeMap<String, SplitKind>) -> SplitCon
 
 #[test]
 fn ngsim_scenes_are_held_out_whole_and_i_80_by_vehicle() {
-    let recordings = embedded("ngsim", Dataset::Ngsim);
+    let recordings = embedded("ngsim", Dataset::NGSIM);
     let config = WindowConfig {
         observed_s: 3.,
         predicted_s: 5.,
@@ -69,7 +69,7 @@ fn ngsim_scenes_are_held_out_whole_and_i_80_by_vehicle() {
 
 #[test]
 fn simulated_recordings_give_windows_of_a_full_three_seconds() {
-    let recordings = embedded("highd", Dataset::HighD);
+    let recordings = embedded("highd", Dataset::HIGHD);
     assert!(recordings.iter().all(|recording| recording.meta().simulated));
     let config =
         WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 25., stride_s: 1., site_stride_s: Default::default() };

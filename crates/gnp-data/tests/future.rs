@@ -4,7 +4,9 @@
 
 mod scene;
 
-use gnp_data::{Dataset, Neighbour, Observation, Recording, SLOTS, TrackState, Window, WindowShape};
+use gnp_data::{
+    Dataset, Neighbour, Observation, Recording, SLOTS, TrackState, VelocitySource, Window, WindowError, WindowShape,
+};
 use scene::{NO_TRACK, Snippet, from_positions};
 
 const SHAPE: WindowShape = WindowShape { t_obs: 7, t_pred: 11, step: 2, rate_hz: 5. };
@@ -65,7 +67,7 @@ fn scene(future: Future) -> Recording {
         }
         slots
     };
-    from_positions(Dataset::Ngsim, "scene", "site", 10., &snippets, &position, &neighbours)
+    from_positions(Dataset::NGSIM, "scene", "site", 10., &snippets, &position, &neighbours)
 }
 
 fn observe(recording: &Recording) -> Observation<'_> {
@@ -102,7 +104,7 @@ fn reachable(observation: Observation<'_>, depth: usize) -> Vec<u32> {
         }
         bits
     };
-    for neighbour in observation.neighbours() {
+    for neighbour in observation.neighbours().0 {
         bits.extend(neighbour.map_or_else(|| vec![u32::MAX], &seen));
     }
     bits.extend(observation.others().flat_map(seen));
@@ -125,7 +127,7 @@ fn a_recording_that_ends_in_the_last_observed_frame_gives_the_same_observation()
     assert!(ended.len() < recorded.len());
     assert_eq!(reachable(observe(&recorded), 2), reachable(observe(&ended), 2));
     let row = ended.tracks()[0].row_at(T0).unwrap();
-    assert!(Window::new(&ended, SHAPE, 0, row).is_none());
+    assert!(matches!(Window::new(&ended, SHAPE, 0, row), Err(WindowError::NoFuture { found: 0, .. })));
 }
 
 #[test]
@@ -140,17 +142,37 @@ fn the_last_velocity_looks_back_and_earlier_ones_both_ways() {
 }
 
 #[test]
-fn a_neighbour_that_has_just_appeared_is_given_the_targets_velocity() {
+fn a_derived_velocity_of_a_neighbour_that_has_just_appeared_is_unknown() {
     let recording = scene(Future::Recorded);
     let observation = observe(&recording);
     let target = observation.target(SHAPE.t_obs - 1);
     let find = |vehicle| observation.others().find(|other| other.vehicle() == vehicle).unwrap();
     let newcomer = find(3);
-    assert_eq!((newcomer.now().vx, newcomer.now().vy), (target.vx, target.vy));
+    assert_eq!(newcomer.velocity(), None);
+    assert_eq!((newcomer.now().vx, newcomer.now().vy), (target.vx, target.vy), "assumed to be the target's");
     assert_eq!(newcomer.state(SHAPE.t_obs - 2), None);
     assert!(newcomer.observation().is_none(), "it has no past to be observed");
     // One row more, and the velocity is its own.
-    assert!((find(4).now().vx - target.vx).abs() > 1.);
+    let second = find(4);
+    assert!((second.now().vx - target.vx).abs() > 1.);
+    assert_eq!(second.velocity(), Some([second.now().vx, second.now().vy]));
+}
+
+#[test]
+fn a_recorded_velocity_counts_from_the_first_frame_on() {
+    let derived = scene(Future::Recorded);
+    let (roads, tracks, columns) = (derived.roads().to_vec(), derived.tracks().to_vec(), derived.columns().clone());
+    // Whatever the dataset is called.
+    let meta = derived.meta().clone().with_velocities(VelocitySource::Recorded);
+    let recording = Recording::from_parts(meta, roads, tracks, columns).unwrap();
+    let observation = observe(&recording);
+    let newcomer = observation.others().find(|other| other.vehicle() == 3).unwrap();
+    let row = recording.tracks()[2].row_at(T0).unwrap();
+    let recorded = [recording.columns().vx[row], recording.columns().vy[row]];
+    assert_eq!(newcomer.velocity(), Some(recorded));
+    assert_eq!([newcomer.now().vx, newcomer.now().vy], recorded);
+    let target = observation.target(SHAPE.t_obs - 1);
+    assert!((recorded[0] - target.vx).abs() > 1., "it is not the target's");
 }
 
 #[test]
@@ -159,7 +181,7 @@ fn presence_follows_the_frames_a_neighbour_was_there() {
     let observation = observe(&recording);
     let vehicles: Vec<u32> = observation.others().map(|other| other.vehicle()).collect();
     assert_eq!(vehicles, [2, 3, 4, 5, 7], "6 comes later, and the target is not its own neighbour");
-    let by_slot: Vec<u32> = observation.neighbours().iter().flatten().map(|other| other.vehicle()).collect();
+    let by_slot: Vec<u32> = observation.neighbours().values().flatten().map(|other| other.vehicle()).collect();
     assert_eq!(by_slot, vehicles);
     let present = |vehicle| {
         let neighbour = observation.others().find(|other| other.vehicle() == vehicle).unwrap();

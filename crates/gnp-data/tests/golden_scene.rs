@@ -206,13 +206,13 @@ fn read_one(folder: &Path, dataset: Dataset) -> Recording {
 fn highd(layout: Layout, rate: f64, scrambled: Option<u32>) -> Recording {
     let folder = tempfile::tempdir().unwrap();
     write_highd(folder.path(), layout, rate, scrambled);
-    read_one(folder.path(), Dataset::HighD)
+    read_one(folder.path(), Dataset::HIGHD)
 }
 
 fn ngsim(scrambled: Option<u32>) -> Recording {
     let folder = tempfile::tempdir().unwrap();
     write_ngsim(folder.path(), scrambled);
-    read_one(folder.path(), Dataset::Ngsim)
+    read_one(folder.path(), Dataset::NGSIM)
 }
 
 fn config(rate_hz: f64) -> WindowConfig {
@@ -255,7 +255,7 @@ fn assert_golden(recordings: &[Recording], rate: f64, layout: Layout) {
             near(truth.target(j.into()), expected(&all[me], f64::from(j) + 1.), "predicted");
         }
         for slot in Slot::ALL {
-            let neighbour = observation.neighbour(layout.slot(slot) as usize);
+            let neighbour = observation.neighbour(layout.slot(slot));
             let wanted = slots_of(me)[slot as usize];
             assert_eq!(neighbour.map_or(0, |it| it.vehicle()), wanted, "{key:?}, {slot:?}");
             if let Some(neighbour) = neighbour {
@@ -321,8 +321,8 @@ fn reachable(observation: Observation<'_>) -> Vec<u32> {
     bits.extend(observation.size().map(f32::to_bits));
     bits.push(observation.lane() as u32);
     let slots = observation.neighbours();
-    bits.extend(slots.iter().map(|slot| slot.map_or(0, |it| it.vehicle())));
-    for other in slots.into_iter().flatten().chain(observation.others()) {
+    bits.extend(slots.values().map(|slot| slot.map_or(0, |it| it.vehicle())));
+    for other in slots.0.into_iter().flatten().chain(observation.others()) {
         bits.extend(other.size().map(f32::to_bits));
         bits.extend((0..frames).flat_map(|i| other.state(i).map_or([1; 4], state)));
         let own = other.observation().unwrap();

@@ -2,7 +2,7 @@
 
 mod scene;
 
-use gnp_data::{DataError, WindowConfig, WindowId, WindowSet, WindowShape};
+use gnp_data::{DataError, Observation, Window, WindowConfig, WindowError, WindowId, WindowSet, WindowShape};
 use scene::{recording, short_windows};
 
 #[test]
@@ -191,11 +191,52 @@ fn out_of_range_frames_give_nothing() {
 fn a_shape_without_frames_has_no_windows() {
     let recordings = [recording("a", "s", 10., &[(7, 0, 100, 20)])];
     let shape = WindowShape { t_obs: 4, t_pred: 5, step: 1, rate_hz: 10. };
-    let view = |shape| gnp_data::Window::new(&recordings[0], shape, 0, 5);
-    assert!(view(shape).is_some());
-    assert!(view(WindowShape { t_obs: 0, ..shape }).is_none());
-    assert!(view(WindowShape { t_pred: 0, ..shape }).is_none());
-    assert!(view(WindowShape { step: 0, ..shape }).is_none());
+    let view = |shape| Window::new(&recordings[0], shape, 0, 5);
+    assert!(view(shape).is_ok());
+    for bad in [
+        WindowShape { t_obs: 0, ..shape },
+        WindowShape { t_pred: 0, ..shape },
+        WindowShape { step: 0, ..shape },
+        WindowShape { rate_hz: f64::NAN, ..shape },
+        WindowShape { rate_hz: -10., ..shape },
+    ] {
+        assert!(matches!(view(bad), Err(WindowError::Shape { .. })), "{bad}");
+        assert!(WindowShape::new(bad.t_obs, bad.t_pred, bad.step, bad.rate_hz).is_err());
+    }
+}
+
+#[test]
+fn a_window_of_another_rate_than_the_recordings_is_refused() {
+    // Three seconds at 25 Hz, taken for ten times as many at 10 Hz, would be a vehicle at 40 % of its speed.
+    let recordings = [recording("a", "s", 25., &[(7, 0, 100, 60)])];
+    let observe = |step, rate_hz| {
+        let shape = WindowShape::new(4, 5, step, rate_hz).unwrap();
+        Observation::new(&recordings[0], shape, 0, 30).map(|_| ())
+    };
+    let error = observe(1, 10.).unwrap_err();
+    assert!(matches!(error, WindowError::Rate { recording_hz: 25., .. }), "{error}");
+    assert!(error.to_string().contains("25 Hz") && error.to_string().contains("10 Hz"), "{error}");
+    assert!(observe(2, 25.).is_err());
+    assert_eq!((observe(1, 25.), observe(2, 12.5), observe(5, 5.)), (Ok(()), Ok(()), Ok(())));
+}
+
+#[test]
+fn what_is_missing_for_a_window_is_said() {
+    let recording = recording("a", "s", 10., &[(7, 0, 0, 12), (7, 1, 13, 20), (8, 0, 0, 9)]);
+    let shape = WindowShape::new(4, 5, 1, 10.).unwrap();
+    let observe = |track, row| Observation::new(&recording, shape, track, row).map(|_| ());
+    assert_eq!(observe(3, 0), Err(WindowError::NoTrack { track: 3, tracks: 3 }));
+    assert_eq!(observe(0, 12), Err(WindowError::NoRow { row: 12, vehicle: 7, rows: 0..12 }));
+    assert_eq!(observe(0, 2), Err(WindowError::TooShort { vehicle: 7, found: 3, needed: 4 }));
+    assert_eq!(observe(1, 12 + 1), Err(WindowError::Gap { vehicle: 7, found: 2, needed: 4 }));
+    assert_eq!((observe(0, 3), observe(1, 15)), (Ok(()), Ok(())));
+    let window = |row| Window::new(&recording, shape, 2, row).map(|_| ());
+    assert_eq!(window(32 + 3), Ok(()));
+    assert_eq!(window(32 + 4), Err(WindowError::NoFuture { vehicle: 8, found: 4, needed: 5 }));
+    // A single frame is enough where a row before it tells the velocity.
+    let single = WindowShape::new(1, 5, 1, 10.).unwrap();
+    assert_eq!(Observation::new(&recording, single, 2, 32).err(), Some(WindowError::NoVelocity { vehicle: 8 }));
+    assert!(Observation::new(&recording, single, 2, 33).is_ok());
 }
 
 #[test]
@@ -203,7 +244,7 @@ fn shapes_survive_json() {
     let shape = WindowShape { t_obs: 31, t_pred: 50, step: 2, rate_hz: 12.5 };
     let text = serde_json::to_string(&shape).unwrap();
     assert_eq!(serde_json::from_str::<WindowShape>(&text).unwrap(), shape);
-    assert!(serde_json::from_str::<WindowShape>(r#"{"observed":1,"predicted":1,"step":1,"rate_hz":1,"x":0}"#).is_err());
+    assert!(serde_json::from_str::<WindowShape>(r#"{"t_obs":1,"t_pred":1,"step":1,"rate_hz":1,"x":0}"#).is_err());
     assert!(!shape.fits(&WindowShape { rate_hz: 10., ..shape }));
     assert!(shape.fits(&WindowShape { step: 1, ..shape }));
 }

@@ -89,7 +89,7 @@ mod tests {
 
     fn score(k: Option<usize>, ci: Option<f64>) -> Score {
         Score {
-            dataset: Dataset::HighD,
+            dataset: Dataset::HIGHD,
             site: "highd-2".to_owned(),
             manoeuvre: k.map(|_| Manoeuvre::Left),
             model: "gnp".to_owned(),

@@ -54,16 +54,16 @@ impl TableCell {
     }
 
     /// On one line: the value, and its interval in brackets.
-    #[must_use]
-    pub fn with_interval(&self) -> String {
+    pub(crate) fn with_interval(&self) -> String {
         match self.interval_text() {
             Some(interval) => format!("{} ({interval})", self.text),
             None => self.text.clone(),
         }
     }
 
-    /// `low to high`.
-    fn interval_text(&self) -> Option<String> {
+    /// The interval as `low to high`.
+    #[must_use]
+    pub fn interval_text(&self) -> Option<String> {
         self.interval.map(|interval| format!("{:.2} to {:.2}", interval.low, interval.high))
     }
 }

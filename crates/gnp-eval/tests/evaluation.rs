@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use gnp_data::{
     Columns, Dataset, Forecast, LaneMarking, MarkingKind, Mode, Observation, OraclePredictor, PredictError, Predictor,
-    Recording, RecordingMeta, Road, Subset, Track, VehicleClass, Window, WindowConfig, WindowId, WindowSet,
+    Recording, RecordingMeta, Road, Subset, Track, Window, WindowConfig, WindowId, WindowSet,
 };
 use gnp_eval::{
     ALL_SITES, Batch, Bootstrap, Comparison, Coverage, Detail, EvalConfig, EvalError, EvaluatedModel, ForecastProblem,
@@ -45,26 +45,11 @@ fn recording(name: &str, site: &str, simulated: bool, cars: &[Car]) -> Recording
             columns.lane.push(1);
             columns.neighbours.push([u32::MAX; 8]);
         }
-        tracks.push(Track {
-            vehicle: car.vehicle,
-            segment: 0,
-            road: 0,
-            class: VehicleClass::Car,
-            length: 4.,
-            width: 2.,
-            first_frame: 100,
-            rows: start..columns.x.len(),
-        });
+        tracks.push(Track::new(car.vehicle, [4., 2.], 100, start..columns.x.len()));
     }
     let kinds = [MarkingKind::Boundary, MarkingKind::LaneDivider, MarkingKind::Boundary];
     let lines = kinds.into_iter().zip([0., 4., 8.]).map(|(kind, y)| LaneMarking { kind, y }).collect();
-    let meta = RecordingMeta {
-        dataset: Dataset::Ngsim,
-        site: site.to_owned(),
-        name: name.to_owned(),
-        rate_hz: RATE_HZ,
-        simulated,
-    };
+    let meta = RecordingMeta::new(Dataset::NGSIM, site, name, RATE_HZ).with_simulated(simulated);
     Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
 }
 
@@ -75,7 +60,7 @@ fn windows() -> WindowConfig {
 
 fn config(protocols: &[Protocol]) -> EvalConfig {
     EvalConfig {
-        part: Subset::Test,
+        subset: Subset::Test,
         protocols: protocols.to_vec(),
         batch: 2,
         bootstrap: Bootstrap { resamples: 200, seed: 3 },
@@ -526,7 +511,7 @@ fn a_prediction_file_scores_as_its_model() {
     let path = folder.path().join("predictions.parquet");
     let provenance = Provenance {
         model: "straight".to_owned(),
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         rate_hz: RATE_HZ,
         simulated: false,
         uses_future: false,

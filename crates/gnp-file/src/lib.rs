@@ -1,5 +1,6 @@
 //! Files that appear whole or not at all: written under a temporary name beside the place they
 //! are for, then renamed. A program that is killed, or a disk that is full, leaves the old file.
+//! [`save_arrays`] and [`load_arrays`] are the one format of named arrays: checkpoints and modes.
 //!
 //! ```
 //! let folder = tempfile::tempdir()?;
@@ -9,10 +10,14 @@
 //! # Ok::<(), std::io::Error>(())
 //! ```
 
+mod tensors;
+
 use std::io::{self, Write};
 use std::path::Path;
 
 pub use tempfile::NamedTempFile;
+
+pub use crate::tensors::{Array, FileError, FileHeader, Values, load_arrays, save_arrays};
 
 /// A temporary file in the folder of `path`, as readable as any other new file; `persist` it to
 /// `path` once it is whole.

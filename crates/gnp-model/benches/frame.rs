@@ -96,7 +96,7 @@ fn model(sizes: &Sizes, features: Features) -> Result<Gnp, Box<dyn Error>> {
     };
     let header = Header {
         part: Component::Goal,
-        dataset: Dataset::HighD,
+        dataset: Dataset::HIGHD,
         simulated: true,
         shape,
         features,
@@ -119,8 +119,8 @@ fn model(sizes: &Sizes, features: Features) -> Result<Gnp, Box<dyn Error>> {
 
 fn frame(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/highd");
-    let source = discover(&fixtures, Dataset::HighD)?.swap_remove(0);
-    let expect = Expectation { dataset: Dataset::HighD, rate_hz: Some(25.) };
+    let source = discover(&fixtures, Dataset::HIGHD)?.swap_remove(0);
+    let expect = Expectation { dataset: Dataset::HIGHD, rate_hz: Some(25.) };
     let recordings: Vec<_> = read(&source, &expect)?.into_iter().map(|(recording, _)| recording).collect();
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(10).throughput(Throughput::Elements(VEHICLES as u64));

@@ -23,7 +23,7 @@ fn recordings(dataset: Dataset, folder: &str, rate_hz: f64) -> Result<Vec<Record
 
 fn windows(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
     let mut group = criterion.benchmark_group("windows");
-    for (name, dataset, rate_hz) in [("ngsim", Dataset::Ngsim, 10.), ("highd", Dataset::HighD, 25.)] {
+    for (name, dataset, rate_hz) in [("ngsim", Dataset::NGSIM, 10.), ("highd", Dataset::HIGHD, 25.)] {
         let recordings = recordings(dataset, name, rate_hz)?;
         let every_frame = WindowConfig {
             observed_s: 3.,

@@ -1,6 +1,6 @@
 //! An observation as the networks see it: as recorded, or mirrored and scaled_along_road along the road.
 
-use gnp_data::{LaneMarking, Neighbour, Observation, SLOTS, Slot, TrackState, Truth, WindowShape};
+use gnp_data::{BySlot, LaneMarking, Neighbour, Observation, Slot, TrackState, Truth, WindowShape};
 
 /// An observation, possibly mirrored left-right together with lanes, neighbours and slots, and
 /// possibly scaled_along_road along the road: augmentations for training, never used for prediction.
@@ -53,8 +53,8 @@ impl<'a> AugmentedView<'a> {
         if self.mirrored { TrackState { y: -state.y, vy: -state.vy, ..state } } else { state }
     }
 
-    fn recorded_slot(&self, slot: usize) -> usize {
-        if self.mirrored { Slot::ALL[slot].mirrored() as usize } else { slot }
+    fn recorded_slot(&self, slot: Slot) -> Slot {
+        if self.mirrored { slot.mirrored() } else { slot }
     }
 
     /// TrackState of the target in observed frame `i`.
@@ -75,17 +75,17 @@ impl<'a> AugmentedView<'a> {
     }
 
     /// States of the neighbour in `slot` by observed frame; `None` where it is absent. The outer
-    /// `None` says that nobody is in the slot at the last observed frame.
+    /// `None` says that the slot is empty at the last observed frame.
     #[must_use]
-    pub fn neighbour(&self, slot: usize) -> Option<AugmentedNeighbour<'a>> {
+    pub fn neighbour(&self, slot: Slot) -> Option<AugmentedNeighbour<'a>> {
         let neighbour = self.observation.neighbour(self.recorded_slot(slot))?;
         Some(AugmentedNeighbour { seen: *self, neighbour })
     }
 
     /// Neighbours by slot.
     #[must_use]
-    pub fn neighbours(&self) -> [Option<AugmentedNeighbour<'a>>; SLOTS] {
-        std::array::from_fn(|slot| self.neighbour(slot))
+    pub fn neighbours(&self) -> BySlot<Option<AugmentedNeighbour<'a>>> {
+        BySlot::from_fn(|slot| self.neighbour(slot))
     }
 
     /// Lane lines from right to left.
@@ -107,7 +107,7 @@ impl<'a> AugmentedView<'a> {
 
     /// Recorded state of the neighbour in `slot` in predicted frame `j`.
     #[must_use]
-    pub fn true_neighbour(&self, truth: &Truth<'_>, slot: usize, j: usize) -> Option<TrackState> {
+    pub fn true_neighbour(&self, truth: &Truth<'_>, slot: Slot, j: usize) -> Option<TrackState> {
         truth.neighbour(self.recorded_slot(slot), j).map(|state| self.turned(state))
     }
 }

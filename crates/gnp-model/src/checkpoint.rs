@@ -1,25 +1,19 @@
 //! Checkpoints: safetensors with a header that says what the weights are and what they need.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use candle_core::{DType, Device, Tensor};
 use gnp_data::{Dataset, WindowShape};
+use gnp_file::FileHeader;
 use gnp_goal::GoalConfig;
 use gnp_traj::TrajConfig;
-use safetensors::SafeTensors;
-use safetensors::tensor::{Dtype, TensorView};
 use serde::{Deserialize, Serialize};
 
 use crate::error::ModelError;
 use crate::features::Features;
 
-/// Version of the header's layout.
-const FORMAT: u32 = 1;
-/// Key of the header in the safetensors metadata.
-const KEY: &str = "gnp";
-/// The frame of every length in a checkpoint.
-const FRAME: &str = "road frame: x forward, y left, origin at the target's last observed centre, metres";
+/// Weights of a component of GNP.
+pub type Checkpoint = gnp_nn::Checkpoint<Header>;
 
 /// Component of the pipeline that a checkpoint belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,101 +70,28 @@ pub struct Header {
     pub trainer: Option<String>,
 }
 
-#[derive(Serialize, Deserialize)]
-struct Envelope {
-    format: u32,
-    frame: String,
-    header: Header,
+impl FileHeader for Header {
+    const KEY: &'static str = "gnp";
+    const FORMAT: u32 = 1;
+    const FRAME: Option<&'static str> =
+        Some("road frame: x forward, y left, origin at the target's last observed centre, metres");
+    const WHAT: &'static str = "a checkpoint of this program";
+    const REMEDY: &'static str = "train again";
 }
 
-/// A header and named tensors.
-#[derive(Clone, Debug)]
-pub struct Checkpoint {
-    /// What the tensors are.
-    pub header: Header,
-    /// Tensors by name, on the CPU, f32.
-    pub tensors: BTreeMap<String, Tensor>,
-}
-
-impl Checkpoint {
-    /// Writes the file under a temporary name beside `path`, then renames it.
-    ///
-    /// # Errors
-    /// [`ModelError::Checkpoint`] when the file cannot be written.
-    pub fn save(path: &Path, header: &Header, tensors: &BTreeMap<String, Tensor>) -> Result<(), ModelError> {
-        let fail = |problem: String| ModelError::checkpoint(path, problem);
-        let envelope = Envelope { format: FORMAT, frame: FRAME.to_owned(), header: header.clone() };
-        let text = serde_json::to_string(&envelope).map_err(|e| fail(e.to_string()))?;
-        let mut bytes = Vec::with_capacity(tensors.len());
-        for (name, tensor) in tensors {
-            let values = tensor.to_device(&Device::Cpu)?.to_dtype(DType::F32)?.flatten_all()?.to_vec1::<f32>()?;
-            let raw: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-            bytes.push((name.as_str(), tensor.dims().to_vec(), raw));
-        }
-        let mut views = Vec::with_capacity(bytes.len());
-        for (name, dims, raw) in &bytes {
-            let view = TensorView::new(Dtype::F32, dims.clone(), raw).map_err(|e| fail(e.to_string()))?;
-            views.push((*name, view));
-        }
-        let metadata = HashMap::from([(KEY.to_owned(), text)]);
-        let file = safetensors::serialize(views, Some(metadata)).map_err(|e| fail(e.to_string()))?;
-        gnp_file::save(path, &file).map_err(|e| fail(format!("cannot be written: {e}")))
-    }
-
-    /// Reads a file written by [`Checkpoint::save`].
-    ///
-    /// # Errors
-    /// [`ModelError::Checkpoint`] for a file that is missing, damaged, of another program or of
-    /// another format version.
-    pub fn load(path: &Path) -> Result<Self, ModelError> {
-        let fail = |problem: String| ModelError::checkpoint(path, problem);
-        let bytes = std::fs::read(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
-        let damaged = |e: &dyn std::fmt::Display| {
-            fail(format!("is not a whole safetensors file ({e}): copy it again or train again"))
-        };
-        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|e| damaged(&e))?;
-        let text = metadata
-            .metadata()
-            .as_ref()
-            .and_then(|map| map.get(KEY))
-            .ok_or_else(|| fail(format!("has no `{KEY}` header: it is not a checkpoint of this program")))?;
-        let envelope: Envelope = serde_json::from_str(text)
-            .map_err(|e| fail(format!("has a header this version cannot read ({e}): train again")))?;
-        if envelope.format != FORMAT {
-            return Err(fail(format!("has format {}, this version reads {FORMAT}: train again", envelope.format)));
-        }
-        let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(&e))?;
-        let mut tensors = BTreeMap::new();
-        for (name, view) in file.tensors() {
-            if view.dtype() != Dtype::F32 {
-                return Err(fail(format!("tensor `{name}` is {:?}, expected F32", view.dtype())));
-            }
-            let values: Vec<f32> =
-                view.data().chunks_exact(4).map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
-            tensors.insert(name, Tensor::from_vec(values, view.shape(), &Device::Cpu)?);
-        }
-        Ok(Self { header: envelope.header, tensors })
-    }
-
-    /// Refuses a checkpoint of another part or another window shape.
+impl Header {
+    /// Refuses the checkpoint at `path` when it is of another part or another window shape.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`] for another part, [`ModelError::Shape`] for another shape or rate.
     pub fn expect(&self, path: &Path, part: Component, shape: Option<WindowShape>) -> Result<(), ModelError> {
-        if self.header.part != part {
-            let found = self.header.part.name();
+        if self.part != part {
+            let found = self.part.name();
             return Err(ModelError::checkpoint(path, format!("is of `{found}`, expected `{}`", part.name())));
         }
         match shape {
-            Some(found) if !same_frames(found, self.header.shape) => {
-                Err(ModelError::Shape { needs: self.header.shape, found })
-            }
+            Some(found) if !self.shape.fits(&found) => Err(ModelError::Shape { needs: self.shape, found }),
             _ => Ok(()),
         }
     }
-}
-
-/// Whether windows of two shapes have the same frames in time, whatever they were resampled from.
-fn same_frames(a: WindowShape, b: WindowShape) -> bool {
-    a.t_obs == b.t_obs && a.t_pred == b.t_pred && (a.rate_hz - b.rate_hz).abs() < 1e-6
 }

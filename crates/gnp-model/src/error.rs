@@ -36,6 +36,14 @@ pub enum ModelError {
         /// What is wrong and what to do.
         problem: String,
     },
+    /// Threads that the system does not give.
+    #[error("cannot start {threads} threads: {source}; ask for fewer")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// What the system said.
+        source: rayon::ThreadPoolBuildError,
+    },
     /// From the recordings and windows.
     #[error(transparent)]
     Data(#[from] gnp_data::DataError),
@@ -51,6 +59,12 @@ pub enum ModelError {
     /// From candle.
     #[error(transparent)]
     Candle(#[from] candle_core::Error),
+}
+
+impl From<gnp_file::FileError> for ModelError {
+    fn from(error: gnp_file::FileError) -> Self {
+        Self::Checkpoint { path: error.path, problem: error.problem }
+    }
 }
 
 impl ModelError {

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use candle_core::{Device, Tensor};
-use gnp_data::{MarkingKind, Observation, SLOTS, Standardiser, Window, WindowShape};
+use gnp_data::{MarkingKind, Observation, SLOTS, Slot, Standardiser, Window, WindowShape};
 use gnp_goal::GoalShape;
 use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
 use serde::{Deserialize, Serialize};
@@ -109,7 +109,7 @@ impl Features {
         let neighbours = training.flat_map(|o| {
             let seen = AugmentedView::recorded(o);
             let velocity = seen.velocity(config.velocity_window_s);
-            (0..SLOTS).filter_map(|slot| neighbour_row(&config, &seen, velocity, slot)).collect::<Vec<_>>()
+            Slot::ALL.into_iter().filter_map(|slot| neighbour_row(&config, &seen, velocity, slot)).collect::<Vec<_>>()
         });
         let mut neighbours = neighbours.peekable();
         let neighbour = if neighbours.peek().is_some() {
@@ -168,10 +168,10 @@ impl Features {
             self.observed.apply(&mut row)?;
             observed.extend_from_slice(&row);
             let velocity = seen.velocity(self.config.velocity_window_s);
-            for slot in 0..SLOTS {
+            for slot in Slot::ALL {
                 if let Some(mut row) = neighbour_row(&self.config, seen, velocity, slot) {
                     self.neighbour.apply(&mut row)?;
-                    let at = b * SLOTS + slot;
+                    let at = b * SLOTS + slot.index();
                     neighbours[at * fn_..(at + 1) * fn_].copy_from_slice(&row);
                     mask[at] = 1.;
                 }
@@ -233,10 +233,7 @@ impl Features {
     /// [`ModelError::Shape`] with both shapes.
     pub fn check_shape(&self, observation: &Observation<'_>) -> Result<(), ModelError> {
         let found = observation.shape();
-        let same = found.t_obs == self.shape.t_obs
-            && found.t_pred == self.shape.t_pred
-            && (found.rate_hz - self.shape.rate_hz).abs() < 1e-6;
-        if same { Ok(()) } else { Err(ModelError::Shape { needs: self.shape, found }) }
+        if self.shape.fits(&found) { Ok(()) } else { Err(ModelError::Shape { needs: self.shape, found }) }
     }
 
     /// From where the modes' frame sets out.
@@ -307,12 +304,7 @@ fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
 }
 
 /// Features of the neighbour in `slot`, before standardising; zeros in steps without it.
-fn neighbour_row(
-    config: &FeatureConfig,
-    seen: &AugmentedView<'_>,
-    velocity: [f32; 2],
-    slot: usize,
-) -> Option<Vec<f32>> {
+fn neighbour_row(config: &FeatureConfig, seen: &AugmentedView<'_>, velocity: [f32; 2], slot: Slot) -> Option<Vec<f32>> {
     let neighbour = seen.neighbour(slot)?;
     let shape = seen.observation().shape();
     let mut row = Vec::with_capacity(neighbour_width(config, shape));

@@ -12,13 +12,13 @@ pub(crate) const SECONDS: usize = 5;
 const STEPS: usize = 5;
 
 /// How far ahead of constant velocity the Intelligent Driver Model would be after 1 to 5 s, m;
-/// speeds are fitted over `window_s` seconds of the past. Zeros where nobody is ahead: whether the
+/// speeds are fitted over `window_s` seconds of the past. Zeros where no vehicle is ahead: whether the
 /// road is empty there is not known.
 ///
 /// Following a leader is most of what happens on a full motorway. Given as five numbers it is
 /// learned from few windows, where from the bare tracks of both it takes many.
 pub(crate) fn hint(seen: &AugmentedView<'_>, window_s: f64) -> [f32; SECONDS] {
-    let Some(ahead) = seen.neighbour(Slot::Preceding as usize) else { return [0.; SECONDS] };
+    let Some(ahead) = seen.neighbour(Slot::Preceding) else { return [0.; SECONDS] };
     let now = ahead.now(window_s);
     let bodies = (ahead.size()[0] + seen.observation().size()[0]) / 2.;
     let leader = Leader { speed: f64::from(now.vx).max(0.), gap: f64::from(now.x - bodies) };

@@ -12,6 +12,7 @@ use gnp_data::{
 use gnp_goal::GoalNet;
 use gnp_modes::Modes;
 use gnp_traj::{Arity, ForceTerm, Phase, RollOut, RollOutBatch, SocialForce, TermRollOut};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::augmented_view::AugmentedView;
 use crate::checkpoint::{Checkpoint, Component, Header};
@@ -20,21 +21,32 @@ use crate::features::Features;
 use crate::scene::NeighbourFuture;
 use crate::select::{Selection, medoids};
 
-/// A trained GNP.
-#[derive(Debug)]
+/// A trained GNP. A clone is cheap and shares the networks.
+///
+/// Calls from several threads are safe, but all share rayon's global pool: two plain threads that each
+/// call [`predict`](Predictor::predict) wait for each other's work and take longer a call than one
+/// alone. Give each a predictor with threads of its own by [`Gnp::with_threads`].
+#[derive(Clone, Debug)]
 pub struct Gnp {
+    pub(crate) trained: Arc<Trained>,
+    neighbours: NeighbourFuture,
+    selection: Selection,
+    explain: bool,
+    pool: Option<Arc<ThreadPool>>,
+    name: &'static str,
+}
+
+/// What was trained.
+#[derive(Debug)]
+pub(crate) struct Trained {
+    header: Header,
     pub(crate) features: Features,
     modes: Modes,
     /// Mode centres in units of `length_scale`, `[modes, t_pred, 2]`.
     centres: Tensor,
     goal: GoalNet,
     pub(crate) force: Option<(SocialForce, Phase)>,
-    neighbours: NeighbourFuture,
-    selection: Selection,
-    explain: bool,
     pub(crate) device: Device,
-    header: Header,
-    name: String,
 }
 
 /// Goals and whole futures of the goal network, in the window's frame.
@@ -56,7 +68,7 @@ impl Gnp {
         let modes = Modes::load(&folder.join("modes.safetensors"))?;
         let path = folder.join("goal.safetensors");
         let goal = Checkpoint::load(&path)?;
-        goal.expect(&path, Component::Goal, None)?;
+        goal.header.expect(&path, Component::Goal, None)?;
         let force = [Component::Repulsion, Component::Attraction]
             .into_iter()
             .map(|part| (part, folder.join(format!("{}.safetensors", part.name()))))
@@ -64,7 +76,7 @@ impl Gnp {
         let force = match force {
             Some((part, path)) => {
                 let checkpoint = Checkpoint::load(&path)?;
-                checkpoint.expect(&path, part, Some(goal.header.shape))?;
+                checkpoint.header.expect(&path, part, Some(goal.header.shape))?;
                 if checkpoint.header.split_hash != goal.header.split_hash {
                     let problem = "was trained on another split than the goal network: train both on one split";
                     return Err(ModelError::checkpoint(&path, problem));
@@ -106,14 +118,14 @@ impl Gnp {
         };
         let centres = features.centres(&modes, device)?;
         let name = match &force {
-            None => "goal head".to_owned(),
-            Some((_, Phase::Attraction)) => "gnp (attraction only)".to_owned(),
-            Some(_) if neighbours == NeighbourFuture::Joint => "gnp (joint)".to_owned(),
-            Some(_) => "gnp".to_owned(),
+            None => "goal head",
+            Some((_, Phase::Attraction)) => "gnp (attraction only)",
+            Some(_) if neighbours == NeighbourFuture::Joint => "gnp (joint)",
+            Some(_) => "gnp",
         };
         let device = device.clone();
-        let (selection, explain) = (Selection::Medoids, false);
-        Ok(Self { features, modes, centres, goal: net, force, neighbours, selection, explain, device, header, name })
+        let trained = Arc::new(Trained { header, features, modes, centres, goal: net, force, device });
+        Ok(Self { trained, neighbours, selection: Selection::Medoids, explain: false, pool: None, name })
     }
 
     /// How goals are chosen when fewer are asked for than there are modes; medoids unless set.
@@ -141,55 +153,85 @@ impl Gnp {
         Ok(Self { force, ..self })
     }
 
+    /// The same predictor on a pool of `threads` threads of its own, which its later clones share. The
+    /// results are the same bits on any number of threads.
+    ///
+    /// ```no_run
+    /// # use gnp_data::{Observation, PredictError, Predictor};
+    /// # fn both(gnp: &gnp_model::Gnp, left: &[Observation<'_>], right: &[Observation<'_>]) -> Result<(), Box<dyn std::error::Error>> {
+    /// let (a, b) = (gnp.clone().with_threads(1)?, gnp.clone().with_threads(1)?);
+    /// std::thread::scope(|scope| {
+    ///     let a = scope.spawn(|| a.predict(left, 6));
+    ///     let b = scope.spawn(|| b.predict(right, 6));
+    ///     (a.join(), b.join())
+    /// });
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] for no thread at all, [`ModelError::Threads`] when the system refuses them.
+    pub fn with_threads(self, threads: usize) -> Result<Self, ModelError> {
+        if threads == 0 {
+            return Err(ModelError::config("threads", "is 0: give 1 or more"));
+        }
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|i| format!("gnp-{i}"))
+            .build()
+            .map_err(|source| ModelError::Threads { threads, source })?;
+        Ok(Self { pool: Some(Arc::new(pool)), ..self })
+    }
+
     /// The windows it was trained on.
     #[must_use]
     pub fn shape(&self) -> WindowShape {
-        self.features.shape()
+        self.trained.features.shape()
     }
 
     /// Header of the goal network's checkpoint.
     #[must_use]
     pub fn header(&self) -> &Header {
-        &self.header
+        &self.trained.header
     }
 
     /// The intention modes.
     #[must_use]
     pub fn modes(&self) -> &Modes {
-        &self.modes
+        &self.trained.modes
     }
 
     /// The goal head alone: its whole futures, without physics.
     #[must_use]
-    pub fn goal_head(&self) -> GoalHead<'_> {
-        GoalHead { gnp: self }
+    pub fn goal_head(&self) -> GoalHead {
+        GoalHead { gnp: self.clone() }
     }
 
     /// The same model with the recorded futures of the neighbours, as in the published evaluation.
     #[must_use]
-    pub fn oracle(&self) -> Oracle<'_> {
-        Oracle { gnp: self }
+    pub fn oracle(&self) -> Oracle {
+        Oracle { gnp: self.clone() }
     }
 
     /// The same model driven to the recorded last position instead of predicted goals: what is left
     /// of the error is the path's own.
     #[must_use]
-    pub fn true_goal(&self) -> TrueGoal<'_> {
-        TrueGoal { gnp: self }
+    pub fn true_goal(&self) -> TrueGoal {
+        TrueGoal { gnp: self.clone() }
     }
 
     pub(crate) fn goals(&self, seen: &[AugmentedView<'_>], k: usize) -> Result<Goals, ModelError> {
-        let inputs = self.features.goal_inputs(seen, &self.device)?;
-        let k = k.min(self.modes.len()).max(1);
+        let Trained { features, modes, centres, goal, device, .. } = &*self.trained;
+        let inputs = features.goal_inputs(seen, device)?;
+        let k = k.min(modes.len()).max(1);
         let decoded = match self.selection {
             Selection::MostProbable => k,
-            Selection::Medoids => self.modes.len(),
+            Selection::Medoids => modes.len(),
         };
-        let goals = self.goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, &self.centres, decoded)?;
-        let scale = self.features.config().length_scale;
+        let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, decoded)?;
+        let scale = features.config().length_scale;
         let futures = (goals.futures * scale)?.flatten_all()?.to_vec1::<f32>()?;
         let mut out = Goals { futures: Vec::new(), probabilities: Vec::new() };
-        let path = 2 * self.features.shape().t_pred;
+        let path = 2 * features.shape().t_pred;
         let by_window = futures.chunks_exact(path * decoded).zip(goals.probabilities.to_vec2::<f32>()?);
         for (seen, (paths, probabilities)) in seen.iter().zip(by_window) {
             let picked = match self.selection {
@@ -200,7 +242,7 @@ impl Gnp {
                     medoids(&ends, &probabilities, k)
                 }
             };
-            let future = |mode: usize| self.features.to_window_frame(seen, &paths[mode * path..(mode + 1) * path]);
+            let future = |mode: usize| features.to_window_frame(seen, &paths[mode * path..(mode + 1) * path]);
             out.futures.push(picked.iter().map(|(mode, _)| future(*mode)).collect());
             out.probabilities.push(picked.into_iter().map(|(_, probability)| probability).collect());
         }
@@ -216,9 +258,19 @@ impl Gnp {
         if observations.is_empty() {
             return Ok(Vec::new());
         }
-        let seen: Vec<AugmentedView<'_>> = observations.iter().map(|o| AugmentedView::recorded(*o)).collect();
-        let goals = self.goals(&seen, k)?;
-        self.drive(&seen, &goals, truths)
+        self.on_threads(|| {
+            let seen: Vec<AugmentedView<'_>> = observations.iter().map(|o| AugmentedView::recorded(*o)).collect();
+            let goals = self.goals(&seen, k)?;
+            self.drive(&seen, &goals, truths)
+        })
+    }
+
+    /// Does `work` on the predictor's own threads, where it has some.
+    fn on_threads<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        match &self.pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        }
     }
 
     /// Paths to goals, with the forces of every step where they are asked for.
@@ -228,11 +280,12 @@ impl Gnp {
         goals: &Goals,
         truths: Option<&[Truth<'_>]>,
     ) -> Result<Vec<Forecast>, ModelError> {
-        let Some((force, phase)) = &self.force else { return Ok(plain(goals.clone())) };
-        let ends = end_points(goals, &self.device)?;
+        let Trained { features, force, device, .. } = &*self.trained;
+        let Some((force, phase)) = force else { return Ok(plain(goals.clone())) };
+        let ends = end_points(goals, device)?;
         let scene = match (truths, self.neighbours) {
             (None, NeighbourFuture::Joint) => self.joint_scene(seen, ends)?,
-            _ => self.features.scene(seen, ends, truths, &self.device)?,
+            _ => features.scene(seen, ends, truths, device)?,
         };
         if self.explain {
             let out = force.roll_out_explained(&scene, *phase)?;
@@ -343,32 +396,28 @@ fn pairs(values: &[f32]) -> Vec<[f32; 2]> {
 
 fn predict_error(model: &str, error: ModelError) -> PredictError {
     match error {
-        ModelError::Shape { needs, found } => PredictError::Shape {
-            model: model.to_owned(),
-            needs: format!("{} + {} frames at {} Hz", needs.t_obs, needs.t_pred, needs.rate_hz),
-            found: format!("{} + {} frames at {} Hz", found.t_obs, found.t_pred, found.rate_hz),
-        },
+        ModelError::Shape { needs, found } => PredictError::shape(model, needs, found),
         other => PredictError::Model { model: model.to_owned(), source: Box::new(other) },
     }
 }
 
 impl Predictor for Gnp {
     fn name(&self) -> &str {
-        &self.name
+        self.name
     }
 
     fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        self.forecast(observations, None, k).map_err(|e| predict_error(&self.name, e))
+        self.forecast(observations, None, k).map_err(|e| predict_error(self.name, e))
     }
 }
 
 /// The goal network's own futures, without physics: what the force adds is seen beside it.
-#[derive(Clone, Copy, Debug)]
-pub struct GoalHead<'a> {
-    gnp: &'a Gnp,
+#[derive(Clone, Debug)]
+pub struct GoalHead {
+    gnp: Gnp,
 }
 
-impl Predictor for GoalHead<'_> {
+impl Predictor for GoalHead {
     fn name(&self) -> &str {
         "goal head"
     }
@@ -378,17 +427,17 @@ impl Predictor for GoalHead<'_> {
             return Ok(Vec::new());
         }
         let seen: Vec<AugmentedView<'_>> = observations.iter().map(|o| AugmentedView::recorded(*o)).collect();
-        self.gnp.goals(&seen, k).map(plain).map_err(|e| predict_error(self.name(), e))
+        self.gnp.on_threads(|| self.gnp.goals(&seen, k)).map(plain).map_err(|e| predict_error(self.name(), e))
     }
 }
 
 /// GNP told where its neighbours will be.
-#[derive(Clone, Copy, Debug)]
-pub struct Oracle<'a> {
-    gnp: &'a Gnp,
+#[derive(Clone, Debug)]
+pub struct Oracle {
+    gnp: Gnp,
 }
 
-impl OraclePredictor for Oracle<'_> {
+impl OraclePredictor for Oracle {
     fn name(&self) -> &str {
         "gnp (oracle neighbours)"
     }
@@ -401,12 +450,12 @@ impl OraclePredictor for Oracle<'_> {
 }
 
 /// GNP told where its target will end: one goal, the recorded one.
-#[derive(Clone, Copy, Debug)]
-pub struct TrueGoal<'a> {
-    gnp: &'a Gnp,
+#[derive(Clone, Debug)]
+pub struct TrueGoal {
+    gnp: Gnp,
 }
 
-impl OraclePredictor for TrueGoal<'_> {
+impl OraclePredictor for TrueGoal {
     fn name(&self) -> &str {
         "gnp (true goal)"
     }
@@ -425,6 +474,6 @@ impl OraclePredictor for TrueGoal<'_> {
         if windows.is_empty() {
             return Ok(Vec::new());
         }
-        self.gnp.drive(&seen, &goals, None).map_err(|e| predict_error(self.name(), e))
+        self.gnp.on_threads(|| self.gnp.drive(&seen, &goals, None)).map_err(|e| predict_error(self.name(), e))
     }
 }

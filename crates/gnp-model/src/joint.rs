@@ -60,7 +60,7 @@ impl<'a> Crowd<'a> {
         };
         let slots = known
             .iter()
-            .map(|o| o.neighbours().map(|neighbour| neighbour.and_then(|n| row(o, n.track_index()))))
+            .map(|o| o.neighbours().map(|neighbour| neighbour.and_then(|n| row(o, n.track_index()))).0)
             .collect();
         Self { known, late: met, slots }
     }
@@ -91,16 +91,16 @@ impl Gnp {
                 }
             }
         }
-        let futures = Tensor::from_vec(futures, (seen.len(), t_pred, SLOTS, 4), &self.device)?;
-        self.features.scene_among(seen, ends, NeighbourStates::Given(futures), &self.device)
+        let futures = Tensor::from_vec(futures, (seen.len(), t_pred, SLOTS, 4), &self.trained.device)?;
+        self.trained.features.scene_among(seen, ends, NeighbourStates::Given(futures), &self.trained.device)
     }
 
     /// States of every vehicle of the crowd when each step sets out, row by row, in its own frame.
     fn joint_paths(&self, crowd: &Crowd<'_>) -> Result<Vec<TrackState>, ModelError> {
-        let Some((force, phase)) = &self.force else { return Ok(Vec::new()) };
+        let Some((force, phase)) = &self.trained.force else { return Ok(Vec::new()) };
         let (known, t_pred) = (crowd.known.len(), self.shape().t_pred);
         let seen: Vec<AugmentedView<'_>> = crowd.known.iter().map(|o| AugmentedView::recorded(*o)).collect();
-        let ends = end_points(&self.goals(&seen, 1)?, &self.device)?;
+        let ends = end_points(&self.goals(&seen, 1)?, &self.trained.device)?;
         let total = known + crowd.late.len();
         let mut index = vec![0u32; total * SLOTS];
         let mut offset = vec![0f32; total * SLOTS * 2];
@@ -116,11 +116,11 @@ impl Gnp {
             }
         }
         let states = NeighbourStates::Joint {
-            index: Tensor::from_vec(index, (total, SLOTS), &self.device)?,
-            offset: Tensor::from_vec(offset, (total, SLOTS, 2), &self.device)?,
+            index: Tensor::from_vec(index, (total, SLOTS), &self.trained.device)?,
+            offset: Tensor::from_vec(offset, (total, SLOTS, 2), &self.trained.device)?,
         };
-        let mut scene = self.features.scene_among(&seen, ends, states, &self.device)?;
-        let present = Tensor::from_vec(present, (total, SLOTS), &self.device)?;
+        let mut scene = self.trained.features.scene_among(&seen, ends, states, &self.trained.device)?;
+        let present = Tensor::from_vec(present, (total, SLOTS), &self.trained.device)?;
         if let Some(neighbours) = &mut scene.neighbours {
             neighbours.present = present;
         }
@@ -148,7 +148,7 @@ impl Gnp {
         let shape = self.shape();
         let (n, dt) = (crowd.late.len(), shape.dt() as f32);
         let (mut observed, mut goals) = (Vec::with_capacity(n * shape.t_obs * 4), Vec::with_capacity(n * 2));
-        let window = self.features.config().velocity_window_s;
+        let window = self.trained.features.config().velocity_window_s;
         let horizon = shape.t_pred as f32 * dt;
         for late in &crowd.late {
             let now = velocity_of(&late.neighbour, shape, window);
@@ -158,8 +158,8 @@ impl Gnp {
             }
             goals.extend([now[0] * horizon, now[1] * horizon]);
         }
-        let observed = Tensor::from_vec(observed, (n, shape.t_obs, 4), &self.device)?;
-        let goals = Tensor::from_vec(goals, (n, 1, 2), &self.device)?;
+        let observed = Tensor::from_vec(observed, (n, shape.t_obs, 4), &self.trained.device)?;
+        let goals = Tensor::from_vec(goals, (n, 1, 2), &self.trained.device)?;
         scene.observed = Tensor::cat(&[&scene.observed, &observed], 0)?;
         scene.goals = Tensor::cat(&[&scene.goals, &goals], 0)?;
         if let Some(lines) = &mut scene.lines {

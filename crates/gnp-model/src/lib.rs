@@ -19,5 +19,5 @@ pub use crate::checkpoint::{Checkpoint, Component, Header};
 pub use crate::error::ModelError;
 pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation};
 pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
-pub use crate::scene::NeighbourFuture;
+pub use crate::scene::{NeighbourFuture, NeighbourInput};
 pub use crate::select::Selection;

@@ -1,7 +1,7 @@
 //! Windows to the scene that the neural social force drives through.
 
 use candle_core::{Device, Tensor};
-use gnp_data::{MarkingKind, SLOTS, Truth};
+use gnp_data::{MarkingKind, SLOTS, Slot, Truth};
 use gnp_traj::{Lines, NeighbourStates, Neighbours, RollOutBatch};
 use serde::{Deserialize, Serialize};
 
@@ -9,20 +9,33 @@ use crate::augmented_view::AugmentedView;
 use crate::error::ModelError;
 use crate::features::Features;
 
-/// Where the neighbours are while the target is driven into the future.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+/// Where a predictor takes its neighbours' future from while the target is driven into its own: from
+/// the past alone. The recorded future is no choice here, because a [`Predictor`](gnp_data::Predictor)
+/// is never handed one; it is an input of [`Gnp::oracle`](crate::Gnp::oracle).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NeighbourFuture {
     /// Each goes on with its last observed velocity.
     ConstantVelocity,
     /// Every vehicle of the carriageway is rolled out together towards its own likeliest goal.
     Joint,
+}
+
+/// The configuration key `predict.neighbours`: what a run takes for its neighbours' future in
+/// training and evaluation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NeighbourInput {
+    /// [`NeighbourFuture::ConstantVelocity`].
+    ConstantVelocity,
+    /// [`NeighbourFuture::Joint`]; trained at constant velocity.
+    Joint,
     /// Where they were recorded: an input that nobody has at prediction time. Reproduces the
-    /// published evaluation; every number made with it is marked.
+    /// published evaluation: the repulsion is trained with it, and [`Gnp::oracle`](crate::Gnp::oracle)
+    /// is scored beside the predictor. Every number made with it is marked.
     Oracle,
 }
 
-impl NeighbourFuture {
+impl NeighbourInput {
     /// Name in tables and files.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -31,6 +44,21 @@ impl NeighbourFuture {
             Self::Joint => "joint",
             Self::Oracle => "oracle",
         }
+    }
+
+    /// What a predictor of this run uses: constant velocity where the run is given the future.
+    #[must_use]
+    pub fn without_future(self) -> NeighbourFuture {
+        match self {
+            Self::ConstantVelocity | Self::Oracle => NeighbourFuture::ConstantVelocity,
+            Self::Joint => NeighbourFuture::Joint,
+        }
+    }
+
+    /// Whether recorded futures are an input.
+    #[must_use]
+    pub fn uses_future(self) -> bool {
+        self == Self::Oracle
     }
 }
 
@@ -50,8 +78,8 @@ impl Features {
         let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
         for (b, seen) in seen.iter().enumerate() {
-            for slot in 0..SLOTS {
-                let place = |j: usize| ((b * t_pred + j) * SLOTS + slot) * 4;
+            for slot in Slot::ALL {
+                let place = |j: usize| ((b * t_pred + j) * SLOTS + slot.index()) * 4;
                 match truths {
                     Some(truths) => self.recorded_future(seen, &truths[b], slot, |j, s| {
                         futures[place(j)..place(j) + 4].copy_from_slice(&s);
@@ -91,7 +119,7 @@ impl Features {
             let velocity = seen.velocity(window);
             let end = observed.len();
             observed[end - 2..].copy_from_slice(&velocity);
-            mask.extend((0..SLOTS).map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
+            mask.extend(Slot::ALL.map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
         }
         let b = seen.len();
         Ok(RollOutBatch {
@@ -106,7 +134,7 @@ impl Features {
 
     /// States of the neighbour in `slot` going straight on; entry `j` is where it is when step `j`
     /// sets out, so entry 0 is the last observed frame.
-    fn straight_future(&self, seen: &AugmentedView<'_>, slot: usize, mut put: impl FnMut(usize, [f32; 4])) {
+    fn straight_future(&self, seen: &AugmentedView<'_>, slot: Slot, mut put: impl FnMut(usize, [f32; 4])) {
         let Some(neighbour) = seen.neighbour(slot) else { return };
         let now = neighbour.now(self.config().velocity_window_s);
         for j in 0..self.shape().t_pred {
@@ -120,7 +148,7 @@ impl Features {
         &self,
         seen: &AugmentedView<'_>,
         truth: &Truth<'_>,
-        slot: usize,
+        slot: Slot,
         mut put: impl FnMut(usize, [f32; 4]),
     ) {
         let Some(neighbour) = seen.neighbour(slot) else { return };

@@ -9,15 +9,15 @@ use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
 use gnp_data::{
-    Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot,
-    Track, TrackState, VehicleClass, Window, WindowShape,
+    Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS,
+    Slot, Track, TrackState, Window, WindowShape,
 };
 use gnp_force::nalgebra::Vector2;
 use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, TermVjp};
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
     AugmentedView, Checkpoint, Component, FeatureConfig, Features, Gnp, Header, ModelError, NeighbourFuture,
-    Representation,
+    NeighbourInput, Representation,
 };
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
@@ -61,16 +61,7 @@ fn road(mirror: bool, scramble: bool) -> Recording {
             }
             columns.neighbours.push(slots);
         }
-        tracks.push(Track {
-            vehicle: v as u32 + 1,
-            segment: 0,
-            road: 0,
-            class: VehicleClass::Car,
-            length: 4.5,
-            width: 1.9,
-            first_frame: first as u32,
-            rows: start..columns.x.len(),
-        });
+        tracks.push(Track::new(v as u32 + 1, [4.5, 1.9], first as u32, start..columns.x.len()));
     }
     let line = |kind, y| LaneMarking { kind, y };
     let mut lines =
@@ -79,13 +70,7 @@ fn road(mirror: bool, scramble: bool) -> Recording {
         lines.reverse();
         lines.iter_mut().for_each(|line| line.y = -line.y);
     }
-    let meta = RecordingMeta {
-        dataset: Dataset::Ngsim,
-        site: "us-101".to_owned(),
-        name: "made-up".to_owned(),
-        rate_hz: 5.,
-        simulated: false,
-    };
+    let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", "made-up", 5.);
     let roads = vec![Road { driving_direction: 2, lines, fitted: false }];
     Recording::from_parts(meta, roads, tracks, columns).unwrap()
 }
@@ -152,7 +137,7 @@ fn traj_config() -> TrajConfig {
 fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
     let header = Header {
         part: Component::Goal,
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         simulated: false,
         shape: SHAPE,
         features: features.clone(),
@@ -328,11 +313,44 @@ fn nothing_after_the_last_observed_frame_reaches_a_prediction() {
     }
     // The oracle does look ahead, and is the only one that does.
     let (recorded, scrambled) = (road(false, false), road(false, true));
-    let model = model(&recorded, NeighbourFuture::Oracle);
+    let model = model(&recorded, NeighbourInput::Oracle.without_future());
     let informed = |recording: &Recording| {
         gnp_data::OraclePredictor::predict_with_future(&model.oracle(), &[window(recording, 0)], 4).unwrap()
     };
     assert_ne!(informed(&recorded), informed(&scrambled));
+}
+
+/// Every choice of a predictor is listed here: the recorded future is none of them.
+#[test]
+fn only_a_run_can_ask_for_recorded_neighbours() {
+    let of_key = |key: &str| serde_json::from_str::<NeighbourInput>(&format!("{key:?}"));
+    for key in ["constant_velocity", "joint", "oracle"] {
+        let input = of_key(key).unwrap();
+        assert_eq!((input.name(), input.uses_future()), (key, key == "oracle"));
+        match input.without_future() {
+            NeighbourFuture::ConstantVelocity => assert_ne!(key, "joint"),
+            NeighbourFuture::Joint => assert_eq!(key, "joint"),
+        }
+    }
+    assert!(of_key("recorded").is_err());
+}
+
+#[test]
+fn clones_share_the_model_and_threads_change_nothing() {
+    let recording = road(false, false);
+    let model = model(&recording, NeighbourFuture::Joint).explaining(true);
+    let observations = [0, 1].map(|track| window(&recording, track).observation());
+    let expected = model.predict(&observations, 4).unwrap();
+    assert!(std::ptr::eq(model.header(), model.clone().header()));
+    std::thread::scope(|scope| {
+        for threads in [1, 3] {
+            let model = model.clone().with_threads(threads).unwrap();
+            let (expected, observations) = (&expected, &observations);
+            scope.spawn(move || assert_eq!(&model.predict(observations, 4).unwrap(), expected, "{threads} threads"));
+        }
+    });
+    let error = model.with_threads(0).unwrap_err().to_string();
+    assert!(error.contains("1 or more"), "{error}");
 }
 
 /// Told the end it goes there and nowhere else, once, and neighbours stay as predicted.
@@ -409,7 +427,7 @@ fn a_stretch_multiplies_what_lies_along_the_road_and_nothing_else() {
     same(scaled_along_road.true_target(&window.truth(), 3), plain.true_target(&window.truth(), 3));
     close(scaled_along_road.velocity(0.5)[0], 1.5 * plain.velocity(0.5)[0]);
     let mut neighbours = 0;
-    for slot in 0..SLOTS {
+    for slot in Slot::ALL {
         let (Some(a), Some(b)) = (scaled_along_road.neighbour(slot), plain.neighbour(slot)) else { continue };
         neighbours += 1;
         same(a.now(0.5), b.now(0.5));
@@ -431,8 +449,8 @@ fn the_hint_says_what_the_leader_is_like() {
     // The last five numbers of a target are the hint; with a leader and without they differ.
     let (led, leads) = (observed(0), observed(1));
     let hint = |row: &[f32]| row[row.len() - 5..].to_vec();
-    assert!(window(&recording, 0).observation().neighbour(Slot::Preceding as usize).is_some());
-    assert!(window(&recording, 1).observation().neighbour(Slot::Preceding as usize).is_none());
+    assert!(window(&recording, 0).observation().neighbour(Slot::Preceding).is_some());
+    assert!(window(&recording, 1).observation().neighbour(Slot::Preceding).is_none());
     assert!(hint(&led).iter().zip(hint(&leads)).all(|(a, b)| (a - b).abs() > 0.1), "{led:?} {leads:?}");
 }
 
@@ -458,9 +476,7 @@ fn a_run_folder_loads_as_it_was_saved() {
     let (goal, force) = checkpoints(&features);
     let folder = tempfile::tempdir().unwrap();
     modes(&features).save(&folder.path().join("modes.safetensors")).unwrap();
-    let save = |name: &str, c: &Checkpoint| {
-        Checkpoint::save(&folder.path().join(name), &c.header, &c.tensors).unwrap();
-    };
+    let save = |name: &str, c: &Checkpoint| c.save(&folder.path().join(name)).unwrap();
     save("goal.safetensors", &goal);
     let observation = [window(&recording, 0).observation()];
     let load = || Gnp::load(folder.path(), NeighbourFuture::ConstantVelocity, &Device::Cpu);
@@ -486,18 +502,15 @@ fn a_damaged_or_foreign_checkpoint_is_refused_by_name() {
     let (goal, _) = checkpoints(&features(&recording, Representation::Position));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("goal.safetensors");
-    Checkpoint::save(&path, &goal.header, &goal.tensors).unwrap();
+    goal.save(&path).unwrap();
     let message = |path: &Path| Checkpoint::load(path).unwrap_err().to_string();
 
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
     assert!(message(&path).contains("not a whole safetensors file"), "{}", message(&path));
     assert!(message(&path).contains("goal.safetensors"));
-    std::fs::write(&path, b"not a checkpoint").unwrap();
-    assert!(message(&path).contains("not a whole safetensors file"), "{}", message(&path));
     assert!(message(&folder.path().join("missing")).contains("cannot be read"));
-    let plain = safetensors::serialize(Vec::<(&str, safetensors::tensor::TensorView<'_>)>::new(), None).unwrap();
-    std::fs::write(&path, plain).unwrap();
+    modes(&features(&recording, Representation::Position)).save(&path).unwrap();
     assert!(message(&path).contains("not a checkpoint of this program"), "{}", message(&path));
 }
 
@@ -507,7 +520,7 @@ fn a_wrong_rate_is_refused_with_both_rates() {
     let features = features(&recording, Representation::Deviation);
     let (goal, _) = checkpoints(&features);
     let other = WindowShape { rate_hz: 10., ..SHAPE };
-    let error = goal.expect(Path::new("goal.safetensors"), Component::Goal, Some(other)).unwrap_err();
+    let error = goal.header.expect(Path::new("goal.safetensors"), Component::Goal, Some(other)).unwrap_err();
     assert!(matches!(error, ModelError::Shape { .. }));
     assert!(error.to_string().contains("5 Hz") && error.to_string().contains("10 Hz"), "{error}");
 

@@ -1,7 +1,5 @@
 //! What can be wrong with futures, parameters and files of modes.
 
-use std::path::PathBuf;
-
 /// Why modes could not be found, compared, written or read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -65,20 +63,7 @@ pub enum ModeError {
         /// Starts tried.
         restarts: usize,
     },
-    /// A file could not be read or written.
-    #[error("{path}: {source}", path = path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file does not hold modes.
-    #[error("{path} does not hold intention modes: {reason}; fit the modes again", path = path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
+    /// A file of modes that cannot be written, read or used.
+    #[error(transparent)]
+    File(#[from] gnp_file::FileError),
 }

@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use crate::start::squared_distance;
+use crate::distance::nearest;
 
 /// Clusters after the last iteration.
 #[derive(Debug)]
@@ -45,15 +45,6 @@ pub(crate) fn settle(samples: &[f32], dims: usize, mut centres: Vec<f32>, max_it
 /// Each sample's nearest centre, the first among equals, and the squared distance to it.
 fn assign(samples: &[f32], dims: usize, centres: &[f32]) -> Vec<(usize, f32)> {
     samples.par_chunks_exact(dims).map(|sample| nearest(sample, centres)).collect()
-}
-
-/// Index of the centre `[k, dims]` nearest to `sample` and the squared distance to it.
-pub(crate) fn nearest(sample: &[f32], centres: &[f32]) -> (usize, f32) {
-    centres
-        .chunks_exact(sample.len())
-        .map(|centre| squared_distance(sample, centre))
-        .enumerate()
-        .fold((0, f32::INFINITY), |best, (i, distance)| if distance < best.1 { (i, distance) } else { best })
 }
 
 /// The mean of each cluster; an empty one keeps its centre.

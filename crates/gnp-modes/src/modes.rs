@@ -2,10 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::distance::{nearest, squared_distance};
 use crate::error::ModeError;
-use crate::lloyd::nearest;
 use crate::normalise::ModeFrame;
-use crate::start::squared_distance;
 
 /// Intention modes: cluster centres of futures, largest cluster first.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +46,7 @@ impl Modes {
         self.sizes.len()
     }
 
-    /// Whether there is no mode; [`fit`](crate::fit()) never gives that.
+    /// Whether there is no mode; `fit` never gives that.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.sizes.is_empty()

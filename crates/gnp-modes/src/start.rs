@@ -8,6 +8,8 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use crate::distance::squared_distance;
+
 /// `k` centres out of `samples` `[n, dims]`, each drawn with a probability proportional to its
 /// squared distance to the nearest centre before it.
 ///
@@ -46,33 +48,10 @@ pub(crate) fn plus_plus(samples: &[f32], dims: usize, k: usize, rng: &mut ChaCha
     Ok(centres)
 }
 
-/// Squared Euclidean distance of two paths, m², summed in a fixed order that vectorises.
-pub(crate) fn squared_distance(a: &[f32], b: &[f32]) -> f32 {
-    const LANES: usize = 16;
-    let (a_whole, b_whole) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest = a_whole.remainder().iter().zip(b_whole.remainder()).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
-    let mut sums = [0f32; LANES];
-    for (a, b) in a_whole.zip(b_whole) {
-        for i in 0..LANES {
-            let d = a[i] - b[i];
-            sums[i] += d * d;
-        }
-    }
-    sums.iter().sum::<f32>() + rest
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use rand::SeedableRng;
-
-    #[test]
-    fn distances_are_those_of_the_definition() {
-        let a: Vec<f32> = (0..37).map(|i| i as f32 * 0.5).collect();
-        let b: Vec<f32> = (0..37).map(|i| (i % 5) as f32).collect();
-        let plain: f32 = a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).sum();
-        assert!((squared_distance(&a, &b) - plain).abs() < 1e-5 * plain);
-    }
 
     #[test]
     fn centres_are_different_samples() {

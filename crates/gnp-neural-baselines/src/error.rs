@@ -60,6 +60,12 @@ pub enum NeuralBaselineError {
     Tensor(#[from] candle_core::Error),
 }
 
+impl From<gnp_file::FileError> for NeuralBaselineError {
+    fn from(error: gnp_file::FileError) -> Self {
+        Self::Checkpoint { path: error.path, problem: error.problem }
+    }
+}
+
 impl NeuralBaselineError {
     pub(crate) fn checkpoint(path: &Path, problem: impl Into<String>) -> Self {
         Self::Checkpoint { path: path.to_owned(), problem: problem.into() }

@@ -120,17 +120,7 @@ impl TrainedBaseline {
     }
 
     fn check(&self, observations: &[Observation<'_>]) -> Result<(), PredictError> {
-        let describe =
-            |shape: WindowShape| format!("{} + {} frames at {} Hz", shape.t_obs, shape.t_pred, shape.rate_hz);
-        let needs = self.header.shape;
-        match observations.iter().map(Observation::shape).find(|shape| !needs.fits(shape)) {
-            Some(found) => Err(PredictError::Shape {
-                model: self.kind.name().to_owned(),
-                needs: describe(needs),
-                found: describe(found),
-            }),
-            None => Ok(()),
-        }
+        PredictError::check_shapes(self.kind.name(), self.header.shape, observations)
     }
 
     fn predict_with(

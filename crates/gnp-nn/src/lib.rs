@@ -16,11 +16,13 @@
 //! ```
 
 mod activation;
+mod checkpoint;
 mod dropout;
 mod layers;
 mod weights;
 
 pub use crate::activation::{exp, sigmoid, tanh};
+pub use crate::checkpoint::Checkpoint;
 pub use crate::dropout::{Dropout, DropoutMask};
 pub use crate::layers::{LayerNorm, Linear, Lstm, LstmState, Mlp, layer_norm, linear};
 pub use crate::weights::Weights;

@@ -12,6 +12,7 @@
 mod axes;
 mod cases;
 mod chart;
+mod clip;
 mod dots;
 mod field;
 mod figure;
@@ -29,6 +30,7 @@ mod svg;
 
 pub use crate::cases::{Case, cases};
 pub use crate::chart::{ChartPanel, Scaling, Series, charts};
+pub use crate::clip::{Clip, ClipForecast, ClipNeighbour, ClipSpan, ClipVehicle, Evaluated, TimedState, class_name};
 pub use crate::dots::{Dot, DotPanel, DotRow, DotScaling, dot_note, dot_rows};
 pub use crate::field::{Potential, potential_field};
 pub use crate::figure::{Figure, Source};
@@ -36,10 +38,7 @@ pub use crate::force_chart::force_scenes;
 pub use crate::intention::{Intentions, intentions};
 pub use crate::png::{PaintError, Painter};
 pub use crate::reliability::{GivenMode, ReliabilityBin, reliability, reliability_bins};
-pub use crate::report::{
-    PlayedForecast, PlayedLine, PlayedMode, PlayedParameter, PlayedRecording, PlayedStep, PlayedTerm, PlayedVehicle, Report,
-    ReportTable,
-};
+pub use crate::report::{Report, ReportCell, ReportSection, ReportTable};
 pub use crate::scene::{Other, Scene, VehicleBox};
-pub use crate::select::{Manoeuvre, SceneRule, find_scene, manoeuvre, quantiles};
+pub use crate::select::{LateralManoeuvre, SceneRule, find_scene, lateral_manoeuvre, quantiles};
 pub use crate::space_time::{LongitudinalForecast, SpaceTime, Trace, space_time};

@@ -1,32 +1,53 @@
-//! The report: one HTML file with everything about a run, and a player of scenes. No network needed.
+//! The report: one HTML file about a run, with a player of scenes. No network needed.
+//!
+//! It opens with what a person wants to know: a sentence, a short table, a figure, the player. Sections
+//! follow, some of them folded away.
+
+mod player;
 
 use std::fmt::Write as _;
 
-use gnp_data::{Explanation, TermForces};
-use gnp_force::{Arity, TermDescriptor, TermParameter};
-use serde::Serialize;
-
+use crate::clip::Clip;
 use crate::figure::Figure;
 use crate::svg::escape;
 
 const STYLE: &str = include_str!("report/style.css");
 const PLAYER: &str = include_str!("report/player.js");
 
-/// What a report says.
+/// What a report says, in the order of the page.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Report {
     /// Heading.
     pub title: String,
     /// Whether any data was made by a simulator; then it is said at the top.
     pub simulated: bool,
-    /// What was run: names and values.
+    /// What the run found, in a sentence.
+    pub headline: String,
+    /// The short table.
+    pub summary: Option<ReportTable>,
+    /// Figures that stand below the short table.
+    pub figures: Vec<Figure>,
+    /// A clip to be played.
+    pub player: Option<Clip>,
+    /// Everything else.
+    pub sections: Vec<ReportSection>,
+}
+
+/// A section of a report: facts, then tables, then figures.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct ReportSection {
+    /// Heading.
+    pub title: String,
+    /// Whether it is folded away until it is asked for.
+    pub folded: bool,
+    /// Names and values.
     pub facts: Vec<(String, String)>,
     /// Tables with their headings.
     pub tables: Vec<ReportTable>,
     /// Figures, shown inline.
     pub figures: Vec<Figure>,
-    /// A stretch of a recording to be played.
-    pub player: Option<PlayedRecording>,
 }
 
 /// A table of a report.
@@ -36,170 +57,38 @@ pub struct ReportTable {
     pub title: String,
     /// Names of the columns.
     pub head: Vec<String>,
-    /// Cells by row.
-    pub rows: Vec<Vec<String>>,
+    /// Cells by row, the first one naming the row.
+    pub rows: Vec<Vec<ReportCell>>,
     /// Remarks below it.
     pub notes: Vec<String>,
 }
 
-/// One carriageway of a recording over some time. Lengths are in cm, so that they are short as text.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PlayedRecording {
-    /// Made by a simulator.
-    pub simulated: bool,
-    /// Frames of the player a second.
-    pub rate: f64,
-    /// Number of frames.
-    pub frames: usize,
-    /// Observed time before a forecast, s.
-    pub observed: f64,
-    /// Time that a forecast spans, s.
-    pub horizon: f64,
-    /// Time between points and steps of a forecast, s.
-    pub every: f64,
-    /// The terms of the force, in the order of every step's.
-    pub terms: Vec<PlayedTerm>,
-    /// Lane lines.
-    pub lines: Vec<PlayedLine>,
-    /// Vehicles.
-    pub vehicles: Vec<PlayedVehicle>,
-    /// Forecasts, of any vehicle.
-    pub forecasts: Vec<PlayedForecast>,
+/// A cell of a table.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ReportCell {
+    /// A name or a number.
+    pub text: String,
+    /// The interval of a number, as `5.2 to 5.8`.
+    pub interval: Option<String>,
 }
 
-/// A lane line.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct PlayedLine {
-    /// Lateral position, cm, to the left.
-    pub y: i32,
-    /// Edge of the carriageway.
-    pub boundary: bool,
-}
-
-/// A vehicle over time.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PlayedVehicle {
-    /// Vehicle of the file.
-    pub id: u32,
-    /// Kind of vehicle.
-    pub class: String,
-    /// Whether it is in the test part.
-    pub test: bool,
-    /// Length and width, cm.
-    pub size: [i32; 2],
-    /// First frame of the player in which it is there.
-    pub first: usize,
-    /// Forward position, cm: the first one, then differences.
-    pub x: Vec<i32>,
-    /// Position to the left, in the same way.
-    pub y: Vec<i32>,
-}
-
-/// A forecast made at a frame.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PlayedForecast {
-    /// Index of the vehicle.
-    pub vehicle: usize,
-    /// Frame of the player.
-    pub frame: usize,
-    /// Where the vehicle was then, cm, road frame.
-    pub at: [i32; 2],
-    /// Index of the vehicle in each neighbour slot; -1 where it is not among the vehicles, -2 where
-    /// nobody is.
-    pub neighbours: Vec<i32>,
-    /// Futures, likeliest first.
-    pub modes: Vec<PlayedMode>,
-    /// What drives the likeliest future.
-    pub steps: Vec<PlayedStep>,
-}
-
-/// A possible future.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PlayedMode {
-    /// Probability.
-    pub p: f32,
-    /// Forward and left of `at` by turns, cm.
-    pub path: Vec<i32>,
-}
-
-/// A term of the force, as it is drawn.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PlayedTerm {
-    /// What it is called.
-    pub label: String,
-    /// Unit of the force.
-    pub unit: String,
-    /// Colour, `#rrggbb`.
-    pub colour: String,
-    /// Its parameters that are plotted over time, in the order of every step's.
-    pub parameters: Vec<PlayedParameter>,
-}
-
-/// A parameter of a term: one number a step, or one for each neighbour slot.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PlayedParameter {
-    /// Its symbol.
-    pub name: String,
-    /// What it is and its unit.
-    pub title: String,
-    /// Its unit.
-    pub unit: String,
-    /// Whether each neighbour slot has its own.
-    pub slots: bool,
-}
-
-/// What a step's forces are, by term.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PlayedStep {
-    /// Sum of each term, m/s².
-    pub forces: Vec<[f32; 2]>,
-    /// Values of each parameter of all terms in their order: one, or one a neighbour slot.
-    pub parameters: Vec<Vec<f32>>,
-}
-
-impl PlayedTerm {
-    /// The terms of an explanation; the parameters of lane lines differ in number from road to road and are not plotted.
-    #[must_use]
-    pub fn of(explanation: &Explanation) -> Vec<Self> {
-        let parameter = |slots: bool, parameter: &TermParameter| PlayedParameter {
-            name: parameter.name.to_string(),
-            title: parameter.meaning.to_string(),
-            unit: parameter.unit.to_string(),
-            slots,
-        };
-        let term = |term: &TermDescriptor| Self {
-            label: term.label.to_string(),
-            unit: term.unit.to_string(),
-            colour: term.colour.to_string(),
-            parameters: match term.arity {
-                Arity::PerLine => Vec::new(),
-                arity => term.varying().map(|p| parameter(arity == Arity::PerNeighbour, p)).collect(),
-            },
-        };
-        explanation.terms.iter().map(|forces| term(forces.term())).collect()
-    }
-}
-
-impl PlayedStep {
-    /// A step of an explanation, in the order of [`PlayedTerm::of`], its numbers as `short` makes them.
-    #[must_use]
-    pub fn of(explanation: &Explanation, step: usize, short: impl Fn(f32) -> f32) -> Self {
-        let plotted = explanation.terms.iter().filter(|forces| forces.term().arity != Arity::PerLine);
-        let values = |forces: &TermForces, i: usize| forces.parameter(i, step).iter().map(|v| short(*v)).collect();
-        Self {
-            forces: explanation.terms.iter().map(|forces| forces.total(step).map(&short)).collect(),
-            parameters: plotted
-                .flat_map(|forces| (0..forces.term().varying().count()).map(|i| values(forces, i)).collect::<Vec<_>>())
-                .collect(),
-        }
+impl<T: Into<String>> From<T> for ReportCell {
+    fn from(text: T) -> Self {
+        Self { text: text.into(), interval: None }
     }
 }
 
 impl Report {
+    /// A report with nothing but its heading.
+    #[must_use]
+    pub fn new(title: impl Into<String>, simulated: bool) -> Self {
+        Self { title: title.into(), simulated, ..Self::default() }
+    }
+
     /// The HTML document.
     ///
     /// # Errors
-    /// When a number of the played recording cannot be written as JSON.
+    /// When a number of the clip cannot be written as JSON.
     pub fn html(&self) -> Result<String, serde_json::Error> {
         let mut page = String::new();
         let title = escape(&self.title);
@@ -207,65 +96,116 @@ impl Report {
             page,
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
-             <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n"
+             <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
         );
         if self.simulated {
             page.push_str("<p class=\"simulated\">Made from <em>simulated</em> data.</p>\n");
         }
-        page.push_str("<h2>What was run</h2>\n<dl>\n");
-        for (name, value) in &self.facts {
-            let _ = writeln!(page, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(value));
+        if !self.headline.is_empty() {
+            let _ = writeln!(page, "<p class=\"headline\">{}</p>", escape(&self.headline));
         }
-        page.push_str("</dl>\n");
-        if let Some(recording) = &self.player {
+        if let Some(summary) = &self.summary {
+            let _ = write!(page, "<div class=\"summary\">\n{}</div>\n", summary.html());
+        }
+        page.push_str(&figures_html(&self.figures));
+        if let Some(clip) = &self.player {
             page.push_str(CONTROLS);
             // Inside a script, `<` could end it.
-            let json = serde_json::to_string(recording)?.replace('<', "\\u003c");
+            let json = serde_json::to_string(&player::json(clip))?.replace('<', "\\u003c");
             let _ = writeln!(page, "<script type=\"application/json\" id=\"recording\">{json}</script>");
         }
-        page.push_str("<h2>Tables</h2>\n");
-        for table in &self.tables {
-            page.push_str(&table.html());
-        }
-        page.push_str("<h2>Figures</h2>\n<div class=\"figures\">\n");
-        for figure in &self.figures {
-            let caption = escape(&figure.caption);
-            let _ = writeln!(
-                page,
-                "<figure id=\"{}\">\n{}<figcaption>{caption}</figcaption>\n</figure>",
-                escape(&figure.name),
-                figure.svg
-            );
+        for section in &self.sections {
+            page.push_str(&section.html());
         }
         let _ = write!(
             page,
-            "</div>\n<p class=\"keys\" id=\"ready\"></p>\n<script>\n{PLAYER}</script>\n</body>\n</html>\n"
+            "<p class=\"keys\" id=\"ready\"></p>\n</main>\n<script>\n{PLAYER}</script>\n</body>\n</html>\n"
         );
         Ok(page)
     }
 }
 
-impl ReportTable {
+impl ReportSection {
+    /// A section with nothing but its heading.
+    #[must_use]
+    pub fn new(title: impl Into<String>) -> Self {
+        Self { title: title.into(), ..Self::default() }
+    }
+
+    /// The same, folded away until it is asked for.
+    #[must_use]
+    pub fn folded(self) -> Self {
+        Self { folded: true, ..self }
+    }
+
     fn html(&self) -> String {
-        let row = |cells: &[String], tag: &str| {
-            let cells: String = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect();
-            format!("<tr>{cells}</tr>\n")
-        };
-        let rows: String = self.rows.iter().map(|cells| row(cells, "td")).collect();
-        let notes: String = self.notes.iter().map(|note| format!("<p class=\"keys\">{}</p>\n", escape(note))).collect();
-        let table = if self.rows.is_empty() {
-            String::new()
+        let title = escape(&self.title);
+        let mut page = if self.folded {
+            format!("<details>\n<summary><h2>{title}</h2></summary>\n")
         } else {
-            format!(
-                "<div class=\"wide\"><table>\n<thead>{}</thead>\n<tbody>\n{rows}</tbody></table></div>\n",
-                row(&self.head, "th")
-            )
+            format!("<section>\n<h2>{title}</h2>\n")
         };
-        format!("<h3>{}</h3>\n{table}{notes}", escape(&self.title))
+        if !self.facts.is_empty() {
+            page.push_str("<dl>\n");
+            for (name, value) in &self.facts {
+                let _ = writeln!(page, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(value));
+            }
+            page.push_str("</dl>\n");
+        }
+        self.tables.iter().for_each(|table| page.push_str(&table.html()));
+        page.push_str(&figures_html(&self.figures));
+        page.push_str(if self.folded { "</details>\n" } else { "</section>\n" });
+        page
     }
 }
 
-const CONTROLS: &str = r#"<h2>Scene player</h2>
+fn figures_html(figures: &[Figure]) -> String {
+    if figures.is_empty() {
+        return String::new();
+    }
+    let mut page = String::from("<div class=\"figures\">\n");
+    for figure in figures {
+        let (name, caption) = (escape(&figure.name), escape(&figure.caption));
+        let svg = &figure.svg;
+        let _ = writeln!(page, "<figure id=\"{name}\">\n{svg}<figcaption>{caption}</figcaption>\n</figure>");
+    }
+    page.push_str("</div>\n");
+    page
+}
+
+impl ReportTable {
+    fn html(&self) -> String {
+        let cell = |cell: &ReportCell| {
+            let interval = cell.interval.as_ref().map(|text| format!(" <small>({})</small>", escape(text)));
+            format!("{}{}", escape(&cell.text), interval.unwrap_or_default())
+        };
+        let row = |cells: &Vec<ReportCell>| {
+            let mut text = String::from("<tr>");
+            for (i, content) in cells.iter().map(cell).enumerate() {
+                text +=
+                    &if i == 0 { format!("<th scope=\"row\">{content}</th>") } else { format!("<td>{content}</td>") };
+            }
+            text + "</tr>\n"
+        };
+        let head: String = self.head.iter().map(|name| format!("<th scope=\"col\">{}</th>", escape(name))).collect();
+        let rows: String = self.rows.iter().map(row).collect();
+        let notes: String = self.notes.iter().map(|note| format!("<p class=\"keys\">{}</p>\n", escape(note))).collect();
+        let title = escape(&self.title);
+        let heading = if title.is_empty() { String::new() } else { format!("<h3>{title}</h3>\n") };
+        if self.rows.is_empty() {
+            return heading + &notes;
+        }
+        // What is wider than the page scrolls by itself, by keyboard too.
+        format!(
+            "{heading}<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"{}\"><table>\n\
+             <thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n{notes}",
+            if title.is_empty() { "Table" } else { &title }
+        )
+    }
+}
+
+const CONTROLS: &str = r#"<section>
+<h2>Scene player</h2>
 <div id="player">
 <canvas id="road" tabindex="0" role="img" aria-label="The road from above; forward is right, left is up"></canvas>
 <div id="controls">
@@ -285,4 +225,5 @@ const CONTROLS: &str = r#"<h2>Scene player</h2>
 <p class="keys">Keys: space plays; arrows step, with shift by a second; N and P pick the next and the previous vehicle; F forces<span id="terms"></span>, M futures (likeliest dark red, others green), B neighbours; + and − zoom; Home and End.
 A vehicle under the pointer shows its numbers. The dashed box is where the forecast has the vehicle now. An address that ends in <code>#t=12.5&amp;vehicle=7</code> opens that moment.</p>
 </div>
+</section>
 "#;

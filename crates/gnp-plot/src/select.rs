@@ -11,7 +11,7 @@ const NEAR: f32 = 45.;
 
 /// What a driver did in the predicted time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Manoeuvre {
+pub enum LateralManoeuvre {
     /// Stayed in the lane.
     Straight,
     /// Changed one or more lanes to the left.
@@ -20,7 +20,7 @@ pub enum Manoeuvre {
     Right,
 }
 
-impl Manoeuvre {
+impl LateralManoeuvre {
     /// In words.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -35,15 +35,15 @@ impl Manoeuvre {
 /// What happened in a window; `None` for what is neither straight nor a lane change begun and ended
 /// within it.
 #[must_use]
-pub fn manoeuvre(window: &Window<'_>) -> Option<Manoeuvre> {
+pub fn lateral_manoeuvre(window: &Window<'_>) -> Option<LateralManoeuvre> {
     let [_, y] = window.truth().goal();
     let (low, high) = (y.min(0.), y.max(0.));
     let crossed =
         window.observation().lines().any(|l| l.kind == MarkingKind::LaneDivider && l.y > low + 0.6 && l.y < high - 0.6);
     match y {
-        _ if y.abs() < STRAIGHT && !crossed => Some(Manoeuvre::Straight),
-        _ if y > CHANGE && crossed => Some(Manoeuvre::Left),
-        _ if y < -CHANGE && crossed => Some(Manoeuvre::Right),
+        _ if y.abs() < STRAIGHT && !crossed => Some(LateralManoeuvre::Straight),
+        _ if y > CHANGE && crossed => Some(LateralManoeuvre::Left),
+        _ if y < -CHANGE && crossed => Some(LateralManoeuvre::Right),
         _ => None,
     }
 }
@@ -75,16 +75,16 @@ impl SceneRule {
 
     /// How well a window fits, the most the best; `None` where it is of another kind.
     fn rank(self, window: &Window<'_>) -> Option<(i64, i64)> {
-        let what = manoeuvre(window)?;
+        let what = lateral_manoeuvre(window)?;
         let seen = window.observation();
         let near = near(&seen, |_| true);
         // Tracks near an end of the recording have few neighbours only because these were not recorded.
         let slow = i64::from(-(seen.target(seen.shape().t_obs - 1).vx.min(40.) as i32));
         match (self, what) {
-            (Self::StraightWithTraffic, Manoeuvre::Straight) => Some((near, -slow)),
-            (Self::ChangeAgainstTraffic, Manoeuvre::Left) => Some((self::near(&seen, |y| y > 1.), near)),
-            (Self::ChangeAgainstTraffic, Manoeuvre::Right) => Some((self::near(&seen, |y| y < -1.), near)),
-            (Self::ChangeAlone, Manoeuvre::Left | Manoeuvre::Right) => Some((-near, -slow)),
+            (Self::StraightWithTraffic, LateralManoeuvre::Straight) => Some((near, -slow)),
+            (Self::ChangeAgainstTraffic, LateralManoeuvre::Left) => Some((self::near(&seen, |y| y > 1.), near)),
+            (Self::ChangeAgainstTraffic, LateralManoeuvre::Right) => Some((self::near(&seen, |y| y < -1.), near)),
+            (Self::ChangeAlone, LateralManoeuvre::Left | LateralManoeuvre::Right) => Some((-near, -slow)),
             _ => None,
         }
     }

@@ -4,88 +4,102 @@
 
 use std::path::Path;
 use std::process::Command;
+use std::sync::Arc;
 
+use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, TermForces, VehicleClass};
+use gnp_force::{Arity, TermDescriptor};
 use gnp_plot::{
-    Figure, PlayedForecast, PlayedLine, PlayedMode, PlayedParameter, PlayedRecording, PlayedStep, PlayedTerm, PlayedVehicle, Report,
-    ReportTable,
+    Clip, ClipForecast, ClipNeighbour, ClipVehicle, Figure, Report, ReportCell, ReportSection, ReportTable, TimedState,
 };
 
 /// Two vehicles for 10 s at 10 Hz; forecasts each second from 3 s on.
-fn recording() -> PlayedRecording {
-    let frames = 100;
-    let vehicle = |id, y, class: &str| PlayedVehicle {
-        id,
-        class: class.to_owned(),
-        test: id == 7,
-        size: [450, 180],
-        first: 0,
-        x: (0..frames).map(|i| if i == 0 { 100 * id as i32 } else { 200 }).collect(),
-        y: (0..frames).map(|i| if i == 0 { y } else { 0 }).collect(),
+fn clip() -> Clip {
+    let mut clip = Clip::new("a recording", 10.);
+    clip.simulated = true;
+    (clip.first_frame, clip.frames) = (200, 100);
+    (clip.observed_s, clip.predicted_s) = (3., 5.);
+    clip.subset = "validation".to_owned();
+    clip.lines = [-1.75, 1.75, 5.25]
+        .map(|y| LaneMarking { y, kind: if y == 1.75 { MarkingKind::LaneDivider } else { MarkingKind::Boundary } })
+        .to_vec();
+    let term = |descriptor: &TermDescriptor, sources: usize, total: [f32; 2], parameter: f32| {
+        let forces = vec![[0.; 2]; 50 * sources];
+        let parameters = vec![vec![parameter; 50 * sources]; descriptor.varying().count()];
+        TermForces::new(Arc::new(descriptor.clone()), sources, forces, parameters).with_totals(vec![total; 50])
     };
-    let step = PlayedStep {
-        forces: vec![[1.5, 0.5], [-0.4, 0.1], [0., -0.3], [0.2, 0.]],
-        parameters: vec![vec![0.8], vec![1.; 8]],
-    };
-    let parameter = |name: &str, slots| PlayedParameter {
-        name: name.to_owned(),
-        title: "a parameter".to_owned(),
-        unit: "s".to_owned(),
-        slots,
-    };
-    let term = |label: &str, colour: &str, parameters| PlayedTerm {
-        label: label.to_owned(),
-        unit: "m/s²".to_owned(),
-        colour: colour.to_owned(),
-        parameters,
-    };
+    let [goal, neighbours, lines] = gnp_force::terms::<f32>().map(|term| term.descriptor());
+    let drag = TermDescriptor::new("drag", Arity::One, "#7a5195").means("drag of the air", "drag");
     let terms = vec![
-        term("goal", "#f5c400", vec![parameter("tau", false)]),
-        term("neighbours", "#0072b2", vec![parameter("k", true)]),
-        term("lane lines", "#000000", Vec::new()),
-        term("drag", "#7a5195", Vec::new()),
+        term(goal, 1, [1.5, 0.5], 0.8),
+        term(neighbours, 8, [-0.4, 0.1], 1.),
+        term(lines, 3, [0., -0.3], 0.2),
+        term(&drag, 1, [-0.2, 0.], 0.),
     ];
-    let path = |side: i32| (1..=10).flat_map(|i| [1000 * i, side * i]).collect();
-    let forecast = |frame: usize, vehicle: usize| PlayedForecast {
-        vehicle,
-        frame,
-        at: [if vehicle == 0 { 700 } else { 2500 } + 200 * frame as i32, 350 * vehicle as i32],
-        neighbours: vec![if vehicle == 0 { 1 } else { -2 }, -2, -2, -2, -2, -2, -2, -1],
-        modes: vec![PlayedMode { p: 0.75, path: path(5) }, PlayedMode { p: 0.25, path: path(-20) }],
-        steps: vec![step.clone(); 10],
+    let mode = |probability, side: f32| Mode {
+        probability,
+        path: (1..=50).map(|j| [2. * j as f32, 0.01 * side * j as f32]).collect(),
+        explanation: (side > 0.).then(|| Explanation { goal: [100., 0.5], terms: terms.clone() }),
     };
-    PlayedRecording {
-        simulated: true,
-        rate: 10.,
-        frames,
-        observed: 3.,
-        horizon: 5.,
-        every: 0.5,
-        terms,
-        lines: [-175, 175, 525].map(|y| PlayedLine { y, boundary: y != 175 }).to_vec(),
-        vehicles: vec![vehicle(7, 0, "car"), vehicle(25, 350, "<truck>")],
-        forecasts: (30..frames).step_by(10).flat_map(|frame| [forecast(frame, 0), forecast(frame, 1)]).collect(),
+    let vehicle = |id: u32, x: f32, y: f32, class| {
+        let centre = |i: u32| [x + 2. * i as f32, y];
+        let forecast = |i: u32| {
+            let mut neighbours = [ClipNeighbour::Empty; 8];
+            neighbours[7] = ClipNeighbour::Outside;
+            if id == 7 {
+                neighbours[0] = ClipNeighbour::Vehicle(1);
+            }
+            let history = (i - 30..=i).map(centre).collect();
+            ClipForecast { frame: 200 + i, history, neighbours, modes: vec![mode(0.75, 1.), mode(0.25, -4.)] }
+        };
+        ClipVehicle {
+            id,
+            class,
+            evaluated: id == 7,
+            size: [4.5, 1.8],
+            states: (0..100).map(|i| TimedState { frame: 200 + i, centre: centre(i), velocity: [20., 0.] }).collect(),
+            forecasts: (30..100).step_by(10).map(forecast).collect(),
+        }
+    };
+    clip.vehicles = vec![vehicle(7, 7., 0., VehicleClass::Car), vehicle(25, 25., 3.5, VehicleClass::Truck)];
+    clip
+}
+
+fn words(list: &[&str]) -> Vec<String> {
+    list.iter().map(|word| (*word).to_owned()).collect()
+}
+
+fn table(title: &str) -> ReportTable {
+    let value = ReportCell { text: "0.51".to_owned(), interval: Some("0.4 to 0.6".to_owned()) };
+    ReportTable {
+        title: title.to_owned(),
+        head: words(&["model", "1 s"]),
+        rows: vec![vec!["<gnp>".into(), value]],
+        notes: words(&["a note"]),
+    }
+}
+
+fn figure(name: &str) -> Figure {
+    Figure {
+        name: name.to_owned(),
+        caption: "seen".to_owned(),
+        svg: "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"4\" height=\"3\"></svg>\n".to_owned(),
     }
 }
 
 fn report() -> Report {
-    let words = |list: &[&str]| list.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
-    Report {
-        title: "A run & its report".to_owned(),
-        simulated: true,
-        facts: vec![("split hash".to_owned(), "abc123".to_owned())],
-        tables: vec![ReportTable {
-            title: "Scores".to_owned(),
-            head: words(&["model", "1 s"]),
-            rows: vec![words(&["<gnp>", "0.51"])],
-            notes: words(&["a note"]),
-        }],
-        figures: vec![Figure {
-            name: "f".to_owned(),
-            caption: "seen".to_owned(),
-            svg: "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"4\" height=\"3\"></svg>\n".to_owned(),
-        }],
-        player: Some(recording()),
-    }
+    let mut report = Report::new("A run & its report", true);
+    report.headline = "GNP ends < 6 m away.".to_owned();
+    report.summary = Some(table(""));
+    report.figures = vec![figure("error-by-horizon")];
+    report.player = Some(clip());
+    let mut details = ReportSection::new("Scores under clean");
+    (details.tables, details.figures) = (vec![table("Scores")], vec![figure("modes")]);
+    let mut others = ReportSection::new("Other protocols").folded();
+    others.tables = vec![table("Best of 20")];
+    let mut provenance = ReportSection::new("Provenance");
+    provenance.facts = vec![("split hash".to_owned(), "abc123".to_owned())];
+    report.sections = vec![details, others, provenance];
+    report
 }
 
 #[test]
@@ -94,17 +108,72 @@ fn a_report_has_all_its_parts_and_escapes_them() {
     for part in [
         "A run &amp; its report",
         "<em>simulated</em>",
+        "GNP ends &lt; 6 m away.",
         "<dt>split hash</dt><dd>abc123</dd>",
-        "<td>&lt;gnp&gt;</td><td>0.51</td>",
+        "<th scope=\"row\">&lt;gnp&gt;</th><td>0.51 <small>(0.4 to 0.6)</small></td>",
         "<p class=\"keys\">a note</p>",
         "<figcaption>seen</figcaption>",
-        "\\u003ctruck>",
     ] {
         assert!(page.contains(part), "{part}");
     }
     assert_eq!(page, report().html().unwrap());
-    let real = Report { simulated: false, player: None, ..report() }.html().unwrap();
+    let mut real = report();
+    (real.simulated, real.player) = (false, None);
+    let real = real.html().unwrap();
     assert!(!real.contains("<em>simulated</em>") && !real.contains("application/json"));
+}
+
+/// What was found comes first, what it rests on last, and what few ask for is folded away.
+#[test]
+fn a_report_opens_with_what_was_found() {
+    let page = report().html().unwrap();
+    let order = [
+        "GNP ends",
+        "class=\"summary\"",
+        "id=\"error-by-horizon\"",
+        "id=\"player\"",
+        "Scores under clean",
+        "<h3>Scores</h3>",
+        "id=\"modes\"",
+        "<summary><h2>Other protocols",
+        "<h3>Best of 20</h3>",
+        "</details>",
+        "split hash",
+    ];
+    let places: Vec<usize> = order.iter().map(|part| page.find(part).unwrap_or_else(|| panic!("no {part}"))).collect();
+    assert!(places.is_sorted(), "{:?}", order.iter().zip(&places).collect::<Vec<_>>());
+    assert_eq!(page.matches("<details>").count(), 1);
+    assert!(!page.contains("<h3></h3>"), "a table without a title has no heading");
+}
+
+/// Text of a recording cannot end the script that holds it.
+#[test]
+fn a_clip_is_short_text_that_stays_in_its_script() {
+    let mut report = report();
+    let clip = report.player.as_mut().unwrap();
+    clip.subset = "</script>".to_owned();
+    let page = report.html().unwrap();
+    let from = page.find("id=\"recording\">").unwrap() + 15;
+    let text = &page[from..from + page[from..].find("</script>").unwrap()];
+    let json: serde_json::Value = serde_json::from_str(text).unwrap();
+    assert_eq!(json["subset"], "</script>");
+    assert_eq!((&json["rate"], &json["every"], &json["frames"]), (&10.0.into(), &0.5.into(), &100.into()));
+    let truck = &json["vehicles"][1];
+    assert_eq!((&truck["class"], &truck["first"], &truck["evaluated"]), (&"truck".into(), &0.into(), &false.into()));
+    assert_eq!((&truck["x"][0], &truck["x"][1], &truck["y"][1]), (&2500.into(), &200.into(), &0.into()));
+    let first = &json["forecasts"][0];
+    assert_eq!(
+        (&first["vehicle"], &first["frame"], &first["at"]),
+        (&0.into(), &30.into(), &serde_json::json!([6700, 0]))
+    );
+    assert_eq!(first["neighbours"], serde_json::json!([1, -2, -2, -2, -2, -2, -2, -1]));
+    // A point and a step each half second.
+    assert_eq!(
+        (first["modes"][0]["path"].as_array().unwrap().len(), &first["modes"][0]["path"][0]),
+        (20, &1000.into())
+    );
+    assert_eq!(first["steps"].as_array().unwrap().len(), 10);
+    assert_eq!(first["steps"][0]["goal"], serde_json::json!([1.5, 0.5]));
 }
 
 /// Nothing is fetched: no address but the name of SVG's namespace.
@@ -142,7 +211,7 @@ fn the_player_works_in_a_browser() {
     says("start", "0.0 s, vehicle 7: 20.0 m/s, no forecast yet");
     assert!(found["colours"].as_u64().unwrap() > 5, "blank: {found}");
     says("stepped", "4.5 s");
-    says("picked", "forecast made at 4.0 s, likeliest of 2: 75 %");
+    says("picked", "forecast made at 4.0 s, likeliest of 2: 75 % (validation subset)");
     assert!(found["forces"].as_u64().unwrap() > 10, "no yellow arrow: {found}");
     assert_eq!((&found["withoutForces"], &found["pressed"]), (&0.into(), &"false".into()));
     assert_eq!(found["played"], true, "{found}");

@@ -3,10 +3,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)] // helpers of tests
 
 use gnp_data::{
-    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, Window,
-    WindowShape,
+    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, Window, WindowShape,
 };
-use gnp_plot::{Manoeuvre, Scene, SceneRule, find_scene, manoeuvre};
+use gnp_plot::{LateralManoeuvre, Scene, SceneRule, find_scene, lateral_manoeuvre};
 
 /// 1 s observed, 2 s predicted at 10 Hz.
 const SHAPE: WindowShape = WindowShape { t_obs: 11, t_pred: 20, step: 1, rate_hz: 10. };
@@ -39,41 +38,27 @@ fn recording(vehicles: &[(f32, f32, f32)]) -> Recording {
             });
             columns.neighbours.push([u32::MAX; SLOTS]);
         }
-        tracks.push(Track {
-            vehicle: vehicle as u32,
-            segment: 0,
-            road: 0,
-            class: VehicleClass::Car,
-            length: 4.5,
-            width: 1.8,
-            first_frame: 1,
-            rows: start..columns.x.len(),
-        });
+        tracks.push(Track::new(vehicle as u32, [4.5, 1.8], 1, start..columns.x.len()));
     }
-    let meta = RecordingMeta {
-        dataset: Dataset::Ngsim,
-        site: "us-101".into(),
-        name: "made up".into(),
-        rate_hz: 10.,
-        simulated: true,
-    };
+    let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", "made up", 10.).with_simulated(true);
     let road = Road { driving_direction: 2, lines, fitted: false };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }
 
 fn windows(recording: &Recording) -> Vec<Window<'_>> {
     let last = |track: &Track| track.rows.start + SHAPE.t_obs - 1;
-    recording.tracks().iter().enumerate().filter_map(|(i, t)| Window::new(recording, SHAPE, i, last(t))).collect()
+    recording.tracks().iter().enumerate().filter_map(|(i, t)| Window::new(recording, SHAPE, i, last(t)).ok()).collect()
 }
 
 #[test]
 fn manoeuvres_are_what_happened() {
     // Straight, to the left, to the right, half a lane, and within one lane but far.
     let recording = recording(&[(0., 3.5, 0.), (30., 3.5, 1.8), (60., 3.5, -1.8), (90., 3.5, 0.9), (120., 0., 0.2)]);
-    let found: Vec<_> = windows(&recording).iter().map(manoeuvre).collect();
-    let expected = [Some(Manoeuvre::Straight), Some(Manoeuvre::Left), Some(Manoeuvre::Right), None];
+    let found: Vec<_> = windows(&recording).iter().map(lateral_manoeuvre).collect();
+    let expected =
+        [Some(LateralManoeuvre::Straight), Some(LateralManoeuvre::Left), Some(LateralManoeuvre::Right), None];
     assert_eq!(found[..4], expected);
-    assert_eq!(found[4], Some(Manoeuvre::Straight));
+    assert_eq!(found[4], Some(LateralManoeuvre::Straight));
 }
 
 #[test]

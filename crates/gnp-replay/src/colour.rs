@@ -11,10 +11,10 @@ impl Colour {
     pub(crate) const OTHERS: Self = Self::of(palette::OTHERS);
     pub(crate) const HISTORY: Self = Self::of(palette::HISTORY);
     pub(crate) const PICKED: Self = Self::of(palette::TARGET);
-    /// A vehicle of the test part. Boxes are see-through, so that it is darker than where they are not.
-    pub(crate) const VEHICLE: Self = Self::of("#4a5260");
+    /// A vehicle of the evaluated subset. Boxes are see-through, so that it is darker than where they are not.
+    pub(crate) const EVALUATED: Self = Self::of("#4a5260");
     /// Any other vehicle.
-    pub(crate) const TRAINED: Self = Self::of(palette::VEHICLE);
+    pub(crate) const VEHICLE: Self = Self::of(palette::VEHICLE);
     pub(crate) const BOUNDARY: Self = Self::of(palette::INK);
     pub(crate) const CENTRE_LINE: Self = Self::of("#777777");
     pub(crate) const RING: Self = Self::of("#b9bfc8");

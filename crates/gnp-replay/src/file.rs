@@ -2,7 +2,7 @@
 //! tools to check, list and load parts of a file go by.
 //!
 //! Rerun's own encoder would list recording and layout, and the columns of each, in the order of a
-//! random hash, so that the same scene would not give the same bytes.
+//! random hash, so that the same clip would not give the same bytes.
 
 use std::collections::HashMap;
 

@@ -2,6 +2,7 @@
 //! vehicle beside it. Rerun calls it a blueprint, a second store in the file.
 
 use gnp_force::{Arity, TermDescriptor};
+use gnp_plot::{Clip, ClipVehicle};
 use re_chunk::TimePoint;
 use re_log_types::TimeCell;
 use re_sdk_types::AsComponents;
@@ -21,7 +22,6 @@ use crate::colour::Colour;
 use crate::error::ReplayError;
 use crate::records::scalar;
 use crate::rrd::{Chunks, color, nanoseconds};
-use crate::scene::Scene;
 
 /// Where the eye is from the picked vehicle, m: above the right-hand side of the road, so that forward is to the right
 /// and left is up. How far, follows from the size of the ring.
@@ -39,31 +39,35 @@ fn part(container: Uuid, share: f32) -> Part {
 }
 
 /// The blueprint as chunks.
-pub(crate) fn chunks(scene: &Scene) -> Result<Chunks, ReplayError> {
+pub(crate) fn chunks(clip: &Clip, picked: Option<u32>) -> Result<Chunks, ReplayError> {
     let mut blueprint = Blueprint::default();
-    let road = blueprint.road(scene)?;
+    let road = blueprint.road(clip, picked)?;
     let about = blueprint.view("TextDocument", "About", "/about", &["$origin"])?;
     let left = blueprint.container(ContainerKind::Tabs, &[road, about])?;
     let mut parts = vec![part(left, 2.)];
-    if let Some(id) = scene.picked {
-        let right = blueprint.scalars(id, &scene.terms())?;
+    if let Some(id) = picked {
+        let right = blueprint.scalars(id, &clip.terms())?;
         parts.push(part(right, 1.));
     }
     let root = blueprint.container(ContainerKind::Horizontal, &parts)?;
     blueprint.add("viewport", &ViewportBlueprint::new().with_root_container(RootContainer(root.into())))?;
-    blueprint.add("time_panel", &times(scene))?;
+    blueprint.add("time_panel", &times(clip, picked))?;
     blueprint.add("selection_panel", &PanelBlueprint::new().with_state(PanelState::Collapsed))?;
     Ok(blueprint.chunks)
 }
 
+/// The stretches of the picked vehicle.
+fn stretches(clip: &Clip, picked: Option<u32>) -> impl Iterator<Item = &ClipVehicle> {
+    clip.vehicles.iter().filter(move |vehicle| picked == Some(vehicle.id))
+}
+
 /// Plays in a loop what there is of the picked vehicle from its first forecast on.
-fn times(scene: &Scene) -> TimePanelBlueprint {
+fn times(clip: &Clip, picked: Option<u32>) -> TimePanelBlueprint {
     let panel = TimePanelBlueprint::new().with_timeline(TimelineName::from("time"));
-    let picked = scene.vehicles.iter().filter(|vehicle| scene.picked == Some(vehicle.id));
-    let first = picked.clone().filter_map(|vehicle| vehicle.forecasts.first()).map(|forecast| forecast.frame).min();
-    let last = picked.filter_map(|vehicle| vehicle.moments.last()).map(|moment| moment.frame).max();
-    let (Some(first), Some(last)) = (first, last) else { return panel };
-    let at = |frame| TimeInt(nanoseconds(frame, scene.rate_hz));
+    let first = stretches(clip, picked).filter_map(|vehicle| vehicle.forecasts.first()).map(|forecast| forecast.frame);
+    let last = stretches(clip, picked).filter_map(|vehicle| vehicle.states.last()).map(|state| state.frame);
+    let (Some(first), Some(last)) = (first.min(), last.max()) else { return panel };
+    let at = |frame| TimeInt(nanoseconds(frame, clip.rate_hz));
     panel.with_loop_mode(LoopMode::Selection).with_time_selection(AbsoluteTimeRange { min: at(first), max: at(last) })
 }
 
@@ -105,16 +109,16 @@ impl Blueprint {
         Ok(name)
     }
 
-    fn road(&mut self, scene: &Scene) -> Result<Part, ReplayError> {
-        let forecasts = scene.picked.map(|id| format!("+ /forecasts/{id}/**"));
+    fn road(&mut self, clip: &Clip, picked: Option<u32>) -> Result<Part, ReplayError> {
+        let forecasts = picked.map(|id| format!("+ /forecasts/{id}/**"));
         let mut contents = vec!["+ /road/**", "+ /vehicles/**", "+ /picked"];
         contents.extend(forecasts.as_deref());
-        let road = self.view("3D", &scene.heading(), "/", &contents)?;
+        let road = self.view("3D", &clip.heading(), "/", &contents)?;
         let background = Background::new(BackgroundKind::SolidColor).with_color(color(Colour::ROAD));
         self.add(&format!("{}/Background", road.path), &background)?;
         self.add(&format!("{}/LineGrid3D", road.path), &LineGrid3D::new().with_visible(false))?;
-        let picked = scene.vehicles.iter().find(|vehicle| scene.picked == Some(vehicle.id));
-        if let Some([x, y]) = picked.and_then(|vehicle| Some(vehicle.moments.first()?.centre)) {
+        let first = stretches(clip, picked).next().and_then(|vehicle| vehicle.states.first());
+        if let Some([x, y]) = first.map(|state| state.centre) {
             let [dx, dy, z] = EYE_M;
             let eye = EyeControls3D::new()
                 .with_position([x + dx, y + dy, z])

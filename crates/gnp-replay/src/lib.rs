@@ -1,7 +1,7 @@
 //! Recordings with forecasts, and the forces behind them, for the [Rerun](https://rerun.io) viewer.
 //!
-//! A [`Scene`] is a stretch of a recording with forecasts in it. [`records`] says which entity of the
-//! viewer shows what from which frame on, and needs nothing of Rerun. With the feature `rerun`,
+//! [`records`] says which entity of the viewer shows what of a [`Clip`](gnp_plot::Clip) from which frame on, and
+//! needs nothing of Rerun. With the feature `rerun`,
 //! [`encode`] makes an `.rrd` file of them, which opens in the viewer of version [`VIEWER`].
 //!
 //! | entity | what |
@@ -31,11 +31,9 @@ mod record;
 mod records;
 #[cfg(feature = "rerun")]
 mod rrd;
-mod scene;
 
 pub use crate::colour::Colour;
 pub use crate::encode::{CAN_ENCODE, VIEWER, encode};
 pub use crate::error::ReplayError;
 pub use crate::record::{Drawing, Record, Row};
-pub use crate::records::{ARROW_M, POINTS_APART_S, RING_M, records};
-pub use crate::scene::{Scene, SceneForecast, TimedState, Vehicle};
+pub use crate::records::{ARROW_M, RING_M, records};

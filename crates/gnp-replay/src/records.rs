@@ -1,19 +1,16 @@
-//! From a scene to records.
+//! From a clip to records.
 
 use std::collections::BTreeMap;
 
-use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS, VehicleClass};
+use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS};
 use gnp_force::{Arity, TermDescriptor, TermParameter};
+use gnp_plot::{Clip, ClipVehicle, class_name};
 
 use crate::colour::Colour;
 use crate::record::{Drawing, Record, Row};
-use crate::scene::{Scene, SceneForecast, Vehicle};
 
 /// Length of an arrow for an acceleration of 1 m/s², m.
 pub const ARROW_M: f32 = 4.;
-/// Time between the points of a path, and between the arrows along it, s; or the next whole number of frames.
-pub const POINTS_APART_S: f64 = 0.5;
-
 /// Radius of the ring around the picked vehicle, m.
 pub const RING_M: f32 = 30.;
 
@@ -25,15 +22,16 @@ const BEYOND_M: f32 = 20.;
 const SLOT_NAMES: [&str; SLOTS] =
     ["ahead", "behind", "left ahead", "left beside", "left behind", "right ahead", "right beside", "right behind"];
 
-/// What each entity shows, ordered by path. The crate's page lists the entities.
+/// What each entity shows, ordered by path. The crate's page lists the entities. Around the vehicle `picked` is a ring,
+/// and the text says how to see another one.
 #[must_use]
-pub fn records(scene: &Scene) -> Vec<Record> {
+pub fn records(clip: &Clip, picked: Option<u32>) -> Vec<Record> {
     let mut entities = Entities::default();
-    entities.add("/about", None, Drawing::Text(about(scene)));
-    road(scene, &mut entities);
-    for vehicle in &scene.vehicles {
-        boxes(scene, vehicle, &mut entities);
-        forecasts(scene, vehicle, &mut entities);
+    entities.add("/about", None, Drawing::Text(about(clip, picked)));
+    road(clip, &mut entities);
+    for vehicle in &clip.vehicles {
+        boxes(clip, vehicle, picked == Some(vehicle.id), &mut entities);
+        forecasts(clip, vehicle, &mut entities);
     }
     entities.finish()
 }
@@ -63,8 +61,8 @@ impl Entities {
     }
 }
 
-fn road(scene: &Scene, entities: &mut Entities) {
-    let xs = scene.vehicles.iter().flat_map(|vehicle| &vehicle.moments).map(|moment| moment.centre[0]);
+fn road(clip: &Clip, entities: &mut Entities) {
+    let xs = clip.vehicles.iter().flat_map(|vehicle| &vehicle.states).map(|state| state.centre[0]);
     let (low, high) = xs.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
     if low > high {
         return;
@@ -74,41 +72,36 @@ fn road(scene: &Scene, entities: &mut Entities) {
         ("/road/boundaries", MarkingKind::Boundary, Colour::BOUNDARY, 1.5),
         ("/road/centre_lines", MarkingKind::LaneDivider, Colour::CENTRE_LINE, 0.75),
     ] {
-        let lines: Vec<&LaneMarking> = scene.lines.iter().filter(|line| line.kind == kind).collect();
+        let lines: Vec<&LaneMarking> = clip.lines.iter().filter(|line| line.kind == kind).collect();
         let strips = lines.iter().map(|line| ends.map(|x| [x, line.y]).to_vec()).collect();
         let colours = vec![colour; lines.len()];
         entities.add(entity, None, Drawing::Strips { strips, colours, radius, labels: Vec::new() });
     }
 }
 
-fn boxes(scene: &Scene, vehicle: &Vehicle, entities: &mut Entities) {
+fn boxes(clip: &Clip, vehicle: &ClipVehicle, picked: bool, entities: &mut Entities) {
     let id = vehicle.id;
-    let picked = scene.picked == Some(id);
-    let colour = match (picked, vehicle.test) {
+    let colour = match (picked, vehicle.evaluated) {
         (true, _) => Colour::PICKED,
-        (false, true) => Colour::VEHICLE,
-        (false, false) => Colour::TRAINED,
+        (false, true) => Colour::EVALUATED,
+        (false, false) => Colour::VEHICLE,
     };
-    let kind = match vehicle.class {
-        VehicleClass::Motorcycle => "motorcycle",
-        VehicleClass::Car => "car",
-        VehicleClass::Truck => "truck",
-    };
+    let kind = class_name(vehicle.class);
     let (entity, speed) = (format!("/vehicles/{id}"), format!("/scalars/{id}/speed"));
     entities.name(&speed, || vec!["speed, m/s".to_owned()]);
-    for moment in &vehicle.moments {
+    for state in &vehicle.states {
         let label = format!("{kind} {id}");
-        let drawing = Drawing::Box { centre: moment.centre, size: vehicle.size, colour, label };
-        entities.add(&entity, Some(moment.frame), drawing);
-        let [vx, vy] = moment.velocity;
-        entities.add(&speed, Some(moment.frame), Drawing::Scalars(vec![vx.hypot(vy)]));
+        let drawing = Drawing::Box { centre: state.centre, size: vehicle.size, colour, label };
+        entities.add(&entity, Some(state.frame), drawing);
+        let [vx, vy] = state.velocity;
+        entities.add(&speed, Some(state.frame), Drawing::Scalars(vec![vx.hypot(vy)]));
         if picked {
-            entities.add("/picked", Some(moment.frame), ring(moment.centre));
+            entities.add("/picked", Some(state.frame), ring(state.centre));
         }
     }
     // Without a word the viewer keeps what it was last told; in the last frame that is as it should be.
-    let after = vehicle.moments.last().map(|moment| moment.frame + scene.frame_step);
-    if let Some(after) = after.filter(|after| *after <= scene.last_frame()) {
+    let after = vehicle.states.last().map(|state| state.frame + clip.frame_step);
+    if let Some(after) = after.filter(|after| *after <= clip.last_frame()) {
         let ring = picked.then(|| "/picked".to_owned());
         for entity in [entity, format!("/forecasts/{id}")].into_iter().chain(ring) {
             entities.add(entity, Some(after), Drawing::Gone);
@@ -130,8 +123,9 @@ fn ring([x, y]: [f32; 2]) -> Drawing {
     }
 }
 
-fn forecasts(scene: &Scene, vehicle: &Vehicle, entities: &mut Entities) {
-    let last_seen = vehicle.moments.last().map_or(0, |moment| moment.frame);
+fn forecasts(clip: &Clip, vehicle: &ClipVehicle, entities: &mut Entities) {
+    let every = clip.points_every();
+    let last_seen = vehicle.states.last().map_or(0, |state| state.frame);
     for (i, forecast) in vehicle.forecasts.iter().enumerate() {
         let (Some(origin), Some(likeliest)) = (forecast.history.last(), forecast.modes.first()) else { continue };
         let (id, frame) = (vehicle.id, Some(forecast.frame));
@@ -142,7 +136,6 @@ fn forecasts(scene: &Scene, vehicle: &Vehicle, entities: &mut Entities) {
             labels: Vec::new(),
         };
         entities.add(format!("/forecasts/{id}/history"), frame, history);
-        let every = every(scene, forecast);
         entities.add(format!("/forecasts/{id}/futures"), frame, futures(*origin, &forecast.modes, every));
         let probability = format!("/scalars/{id}/probability");
         entities.name(&probability, || (1..=forecast.modes.len()).map(|i| format!("path {i}")).collect());
@@ -153,17 +146,11 @@ fn forecasts(scene: &Scene, vehicle: &Vehicle, entities: &mut Entities) {
         forces(id, frame, *origin, likeliest, explanation, every, entities);
         // Each forecast speaks until the next one does, or the vehicle is gone.
         let next = vehicle.forecasts.get(i + 1).map_or(last_seen + 1, |next| next.frame);
-        let frames = (forecast.frame..next).step_by(forecast.frame_step.max(1) as usize);
+        let frames = (forecast.frame..next).step_by(clip.forecast_step.max(1) as usize);
         for (frame, step) in frames.zip(0..explanation.steps()) {
             parameters(id, frame, explanation, step, entities);
         }
     }
-}
-
-/// Predicted frames from one point shown to the next.
-fn every(scene: &Scene, forecast: &SceneForecast) -> usize {
-    let dt = f64::from(forecast.frame_step) / scene.rate_hz;
-    (POINTS_APART_S / dt).round().max(1.) as usize
 }
 
 fn futures(origin: [f32; 2], modes: &[Mode], every: usize) -> Drawing {
@@ -232,9 +219,9 @@ fn series(arity: Arity, parameter: &TermParameter, sources: usize) -> Vec<String
     }
 }
 
-fn about(scene: &Scene) -> String {
-    let simulated = if scene.simulated { "Made from *simulated* data.\n\n" } else { "" };
-    let picked = scene.picked.map_or_else(String::new, |id| {
+fn about(clip: &Clip, picked: Option<u32>) -> String {
+    let simulated = if clip.simulated { "Made from *simulated* data.\n\n" } else { "" };
+    let picked = picked.map_or_else(String::new, |id| {
         format!(
             "Vehicle {id} is picked: its box is orange, with a ring of {RING_M} m around it, its forecasts are in the view of \
              the road, and its scalars beside that. To see another one, put its number for {id} in the contents of the view of \
@@ -242,14 +229,14 @@ fn about(scene: &Scene) -> String {
         )
     });
     let described = |term: &TermDescriptor| format!("{} ({})", term.meaning, term.colour);
-    let forces = scene.terms().into_iter().map(described).collect::<Vec<_>>().join(", ");
+    let forces = clip.terms().into_iter().map(described).collect::<Vec<_>>().join(", ");
     format!(
         "# {}\n\n{simulated}Forward is x, left is y, in m; `time` is the frame number divided by {} Hz.\n\n{picked}\
          A forecast is made each second, from the history in dark grey. The likeliest path is dark red, the others are \
          green; pointing at one tells its probability. Arrows stand along the likeliest path where its vehicle then is: \
          {forces}; {ARROW_M} m of arrow are 1 m/s². \
          Scalars are those of the latest forecast's likeliest path.\n\n\
-         Grey boxes of vehicles that the model was not trained on are darker.\n",
-        scene.title, scene.rate_hz
+         Grey boxes of vehicles of the {} subset are darker.\n",
+        clip.title, clip.rate_hz, clip.subset
     )
 }

@@ -1,10 +1,11 @@
 //! Records as Rerun's chunks, and chunks as the bytes of an `.rrd` file.
 //!
 //! Rerun's own stream of log calls gives every row the time of the call and a random name. Here names
-//! count up from one, so that the same scene gives the same bytes.
+//! count up from one, so that the same clip gives the same bytes.
 
 use std::io::Write as _;
 
+use gnp_plot::Clip;
 use re_chunk::{Chunk, ChunkId, EntityPath, RowId, TimePoint};
 use re_log_types::{
     BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreId, StoreInfo, StoreKind, StoreSource, TimeCell,
@@ -23,22 +24,21 @@ use crate::file::{File, packed};
 use crate::layout;
 use crate::record::{Drawing, Record, Row};
 use crate::records::records;
-use crate::scene::Scene;
 
 /// Name under which the viewer keeps files of this program, and its layout of them.
 const APPLICATION: &str = "gnp";
 
-pub(crate) fn encode(scene: &Scene) -> Result<Vec<u8>, ReplayError> {
-    let records = records(scene);
+pub(crate) fn encode(clip: &Clip, picked: Option<u32>) -> Result<Vec<u8>, ReplayError> {
+    let records = records(clip, picked);
     // Two files of one name would be taken for parts of one recording.
-    let name = digest(scene, &records)?;
+    let name = digest(clip, &records)?;
     let mut chunks = Chunks::default();
     chunks.always("/", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
-    chunks.always(EntityPath::properties(), &RecordingInfo::new().with_name(scene.heading()))?;
+    chunks.always(EntityPath::properties(), &RecordingInfo::new().with_name(clip.heading()))?;
     for record in &records {
         let (fixed, moving): (Vec<&Row>, Vec<&Row>) = record.rows.iter().partition(|row| row.frame.is_none());
         for rows in [fixed, moving] {
-            let row = |row: &Row| (time(row.frame, scene.rate_hz), archetype(&row.drawing));
+            let row = |row: &Row| (time(row.frame, clip.rate_hz), archetype(&row.drawing));
             chunks.add(record.entity.as_str(), rows.into_iter().map(row))?;
         }
     }
@@ -48,7 +48,7 @@ pub(crate) fn encode(scene: &Scene) -> Result<Vec<u8>, ReplayError> {
     let mut file = File::new()?;
     file.message(&introduction(&recording))?;
     file.message(&introduction(&blueprint))?;
-    for chunk in layout::chunks(scene)?.0 {
+    for chunk in layout::chunks(clip, picked)?.0 {
         file.message(&packed(&blueprint, &chunk)?)?;
     }
     file.message(&LogMsg::BlueprintActivationCommand(BlueprintActivationCommand {
@@ -159,10 +159,9 @@ fn introduction(store: &StoreId) -> LogMsg {
 }
 
 /// A name that differs where the content does.
-fn digest(scene: &Scene, records: &[Record]) -> Result<String, ReplayError> {
+fn digest(clip: &Clip, records: &[Record]) -> Result<String, ReplayError> {
     let mut hash = Sha256::new();
     // A float is printed so that it can be read back exactly.
-    write!(hash, "{} {} {records:?}", scene.title, scene.rate_hz)
-        .map_err(|error| ReplayError::File(Box::new(error)))?;
+    write!(hash, "{} {} {records:?}", clip.title, clip.rate_hz).map_err(|error| ReplayError::File(Box::new(error)))?;
     Ok(hash.finalize()[..8].iter().map(|byte| format!("{byte:02x}")).collect())
 }

@@ -51,8 +51,8 @@ impl Checkpoints {
         if !path.exists() {
             return Ok(None);
         }
-        let checkpoint = Checkpoint::load(&path)?;
-        checkpoint.expect(&path, self.header.part, Some(self.header.shape))?;
+        let checkpoint = Checkpoint::load(&path).map_err(ModelError::from)?;
+        checkpoint.header.expect(&path, self.header.part, Some(self.header.shape))?;
         let (now, then) = (&self.header, &checkpoint.header);
         let pairs = [
             ("the split", now.split_hash == then.split_hash),
@@ -78,8 +78,8 @@ impl Checkpoints {
     /// [`TrainError::Model`] when there is no such file, or it is damaged.
     pub fn restore_best(&self) -> Result<(), TrainError> {
         let path = self.path(CheckpointSlot::Best);
-        let checkpoint = Checkpoint::load(&path)?;
-        checkpoint.expect(&path, self.header.part, Some(self.header.shape))?;
+        let checkpoint = Checkpoint::load(&path).map_err(ModelError::from)?;
+        checkpoint.header.expect(&path, self.header.part, Some(self.header.shape))?;
         self.weights.set(checkpoint.tensors.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
         Ok(())
     }
@@ -105,6 +105,6 @@ impl Sink for Checkpoints {
             trainer,
             ..self.header.clone()
         };
-        Ok(Checkpoint::save(&self.path(kind), &header, &tensors)?)
+        Ok(Checkpoint { header, tensors }.save(&self.path(kind))?)
     }
 }

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use candle_core::{Device, Tensor};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet};
 use gnp_goal::{GoalConfig, GoalNet, LabelConfig, LabelDistance, ProbabilityHead, Regression};
-use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourFuture, Representation};
+use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourInput, Representation};
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_train::{
@@ -28,8 +28,8 @@ fn windows() -> WindowConfig {
 
 fn recording() -> Recording {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/ngsim/us101-10_1.csv.gz");
-    let sources = gnp_data::discover(&file, Dataset::Ngsim).unwrap();
-    let expected = Expectation { dataset: Dataset::Ngsim, rate_hz: Some(10.) };
+    let sources = gnp_data::discover(&file, Dataset::NGSIM).unwrap();
+    let expected = Expectation { dataset: Dataset::NGSIM, rate_hz: Some(10.) };
     let mut recordings = gnp_data::read(&sources[0], &expected).unwrap();
     recordings.remove(0).0
 }
@@ -172,7 +172,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
     let modes = gnp_modes::fit(&futures, set.shape().t_pred, features.mode_frame(), &params).unwrap();
     let header = Header {
         part: Component::Goal,
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         simulated: false,
         shape: set.shape(),
         features: features.clone(),
@@ -247,7 +247,7 @@ fn paths_repeat_bit_for_bit_and_over_a_resume() {
         assert_eq!(bits(&train(&attraction, &header(Component::Attraction), &none, 5)), bits(&whole));
 
         let mut ends = Vec::new();
-        for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Oracle] {
+        for neighbours in [NeighbourInput::ConstantVelocity, NeighbourInput::Oracle] {
             let repulsion = |weights: &Weights| {
                 let parts = data.parts;
                 let stage = PathStage::repulsion(force(weights), weights, &data.features, parts, neighbours, &training);

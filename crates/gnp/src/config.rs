@@ -9,7 +9,7 @@ use crate::error::{Context as _, Error, Result, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
 use gnp_eval::EvalConfig;
 use gnp_goal::GoalConfig;
-use gnp_model::{FeatureConfig, NeighbourFuture, Selection};
+use gnp_model::{FeatureConfig, NeighbourInput, Selection};
 use gnp_modes::ModeParams;
 use gnp_train::{GoalTraining, PathTraining, TrainConfig};
 use gnp_traj::TrajConfig;
@@ -103,7 +103,7 @@ pub struct PathSection {
 #[serde(deny_unknown_fields)]
 pub struct PredictConfig {
     /// Where neighbours are while the target is driven into the future.
-    pub neighbours: NeighbourFuture,
+    pub neighbours: NeighbourInput,
     /// Which goals are given when fewer are asked for than there are modes.
     pub selection: Selection,
     /// Futures a window in `predictions.parquet`; one that a protocol of `[evaluate]` asks for.

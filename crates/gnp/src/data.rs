@@ -6,4 +6,4 @@ pub(crate) mod source;
 
 pub use self::describe::describe;
 pub use self::ingest::{IngestSummary, RecordingReport};
-pub use self::source::{dataset_name, embedded_folder};
+pub use self::source::embedded_folder;

@@ -60,6 +60,9 @@ pub enum Error {
     /// The intention modes.
     #[error(transparent)]
     Modes(#[from] gnp_modes::ModeError),
+    /// A file of weights cannot be read.
+    #[error(transparent)]
+    File(#[from] gnp_file::FileError),
     /// The goal network.
     #[error(transparent)]
     Goal(#[from] gnp_goal::GoalError),

@@ -13,7 +13,6 @@ use gnp_eval::{
     Bootstrap, Comparison, EvalConfig, EvalError, EvaluatedModel, Evaluation, PredictionWriter, Provenance, Score,
     Table, TableHead, comparison_tables, csv, save_comparisons, save_scores, tables,
 };
-use gnp_model::NeighbourFuture;
 
 pub use self::predictions::{PredictionsOn, score_predictions};
 pub use self::recordings::score_recordings;
@@ -127,11 +126,14 @@ pub(crate) fn evaluate(
 pub(crate) fn own(run: &Run) -> Result<()> {
     let set = run.windows()?;
     let split = run.split(&set)?;
-    let subset = run.config.evaluate.subset;
-    let words = format!("{}{}{}", kinds(split.kinds()), fold(&run.config.split), remarks(&split, subset));
-    let data = &run.folder.state.data;
-    let material = Material { set: &set, ids: split.subset(subset), split: words, data };
+    let ids = split.subset(run.config.evaluate.subset);
+    let material = Material { set: &set, ids, split: split_description(run, &split), data: &run.folder.state.data };
     of_run(run, &material, run.path()).map(|_| ())
+}
+
+/// How the windows of a run were parted, and what must be said of that.
+pub(crate) fn split_description(run: &Run, split: &Split) -> String {
+    format!("{}{}{}", kinds(split.kinds()), fold(&run.config.split), remarks(split, run.config.evaluate.subset))
 }
 
 /// Which fold is the test part; nothing where there is one split.
@@ -152,10 +154,10 @@ fn of_run(run: &Run, material: &Material<'_>, out: &Path) -> Result<Scores> {
     let config = &run.config;
     let gnp = run.model()?;
     let ours = gnp.name().to_owned();
-    let mut systems = vec![System::predictor(&ours, gnp), System::goal_head(run.model()?)];
+    let mut systems = vec![System::predictor(&ours, gnp.clone()), System::predictor("goal head", gnp.goal_head())];
     systems.extend(systems::rules());
-    if config.predict.neighbours == NeighbourFuture::Oracle {
-        systems.push(System::oracle_neighbours("gnp (oracle neighbours)", run.model()?));
+    if config.predict.neighbours.uses_future() {
+        systems.push(System::oracle("gnp (oracle neighbours)", gnp.oracle()));
     }
     let evaluation = evaluate(material, &systems, &config.evaluate, &run.machine)?;
     let scores = Scores::of(&evaluation, &ours, material.split.clone(), &config.evaluate.bootstrap)?;

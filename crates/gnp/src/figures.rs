@@ -9,14 +9,14 @@ use std::fs;
 use std::path::Path;
 
 use crate::error::{Context as _, Result};
-use gnp_data::{Forecast, Predictor as _, Recording, Split, Window, WindowId, WindowSet};
+use gnp_data::{Forecast, Observation, Predictor as _, Recording, Split, Window, WindowId, WindowSet};
 use gnp_model::Gnp;
 use gnp_plot::{Figure, Painter, Source};
 
 use crate::data::ingest;
 use crate::data::source;
 use crate::run::Run;
-use crate::run::folder::write;
+use crate::run::folder::{DataState, write};
 
 /// Most windows that are forecast for the figures; of more, every n-th is taken.
 const MOST: usize = 4000;
@@ -27,7 +27,7 @@ struct Material<'a> {
     gnp: &'a Gnp,
     recordings: &'a [Recording],
     set: &'a WindowSet<'a>,
-    /// Test windows, thinned to at most [`MOST`].
+    /// Evaluated windows, thinned to at most [`MOST`].
     ids: &'a [WindowId],
     windows: &'a [Window<'a>],
     /// One a window, without forces.
@@ -80,16 +80,23 @@ pub(crate) fn draw(run: &Run, data_dir: Option<&Path>) -> Result<Vec<Figure>> {
         None => (run.recordings()?, own),
     };
     let (set, _) = WindowSet::cut(recordings, &config.windows)?;
-    let split = if other.is_some() { Split::all_test(&set) } else { run.split(&set)? };
-    let every = split.test().len().div_ceil(MOST).max(1);
-    let ids: Vec<WindowId> = split.test().iter().step_by(every).copied().collect();
+    let subset = config.evaluate.subset;
+    let (all, mut source) = if other.is_some() {
+        let source = Source { words: data.description.clone(), simulated: data.simulated };
+        (Split::all_test(&set).test().to_vec(), source)
+    } else {
+        (run.split(&set)?.subset(subset).to_vec(), source_of(data, subset.name()))
+    };
+    let every = all.len().div_ceil(MOST).max(1);
+    let ids: Vec<WindowId> = all.iter().step_by(every).copied().collect();
     let windows: Vec<Window<'_>> = ids.iter().filter_map(|id| set.get(*id)).collect();
     let gnp = run.model()?;
-    let forecasts = forecasts(run, &gnp, &windows)?;
+    let seen: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
+    let forecasts = forecasts(run, &gnp, &seen, "forecasts", |_| {})?;
     let gnp = gnp.explaining(true);
-    let part = if other.is_some() { "" } else { ", test part" };
-    let thinned = if every > 1 { format!(", one window of {every}") } else { String::new() };
-    let source = Source { words: format!("{}{part}{thinned}", data.description), simulated: data.simulated };
+    if every > 1 {
+        source.words += &format!(", one window of {every}");
+    }
     let material =
         Material { run, gnp: &gnp, recordings, set: &set, ids: &ids, windows: &windows, forecasts: &forecasts, source };
     let mut figures = scenes::figures(&material)?;
@@ -101,15 +108,27 @@ pub(crate) fn draw(run: &Run, data_dir: Option<&Path>) -> Result<Vec<Figure>> {
     Ok(figures)
 }
 
-/// Forecasts of all windows, a batch at a time.
-fn forecasts(run: &Run, gnp: &Gnp, windows: &[Window<'_>]) -> Result<Vec<Forecast>> {
-    let work = run.machine.work("forecasts", windows.len(), "windows");
-    let mut all = Vec::with_capacity(windows.len());
-    for batch in windows.chunks(run.config.evaluate.batch) {
+/// Forecasts of all observations, a batch at a time; `trim` drops from each what need not be kept.
+pub(crate) fn forecasts(
+    run: &Run,
+    gnp: &Gnp,
+    seen: &[Observation<'_>],
+    what: &str,
+    trim: impl Fn(&mut Forecast),
+) -> Result<Vec<Forecast>> {
+    let work = run.machine.work(what, seen.len(), "forecasts");
+    let mut all = Vec::with_capacity(seen.len());
+    for batch in seen.chunks(run.config.evaluate.batch) {
         run.machine.stop.check()?;
-        let seen: Vec<_> = batch.iter().map(Window::observation).collect();
-        all.extend(gnp.predict(&seen, run.config.predict.k)?);
+        let mut found = gnp.predict(batch, run.config.predict.k)?;
+        found.iter_mut().for_each(&trim);
+        all.extend(found);
         work.at(all.len() as u64, "");
     }
     Ok(all)
+}
+
+/// The data of a figure with the subset of the split that it shows.
+pub(crate) fn source_of(data: &DataState, subset: &str) -> Source {
+    Source { words: format!("{}, {subset} subset", data.description), simulated: data.simulated }
 }

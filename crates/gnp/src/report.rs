@@ -1,23 +1,28 @@
-//! `report`: everything about a run in one HTML file.
+//! `report`: everything about a run in one HTML file, what was found first.
 
 mod clip;
-mod player;
 mod replay;
 
 use std::path::PathBuf;
 
-use crate::error::{Context as _, Result};
 use gnp_data::Split;
-use gnp_plot::{Figure, Report, ReportTable};
+use gnp_eval::{
+    Comparison, Protocol, Score, Summary, SummaryModels, Table, TableHead, comparison_tables, load_comparisons,
+    load_scores, tables,
+};
+use gnp_plot::{Figure, Report, ReportCell, ReportSection, ReportTable};
 
 pub use self::replay::{Replayed, can_replay, write_replay};
-
-use crate::data::ingest::IngestSummary;
-use crate::evaluation::fold;
+use crate::data::ingest::{IngestSummary, RecordingReport};
+use crate::error::Result;
+use crate::evaluation::{fold, split_description, systems};
 use crate::figures;
 use crate::run::Run;
 use crate::run::folder::write;
 use crate::stages::kinds;
+
+/// Name of the figure at the top of the page.
+const OPENING: &str = "error-by-horizon";
 
 /// Writes `report.html` to the folder of a finished run, and says where it is and which figures are in it.
 ///
@@ -26,22 +31,96 @@ use crate::stages::kinds;
 pub fn write_report(run: &Run) -> Result<(PathBuf, Vec<Figure>)> {
     let set = run.windows()?;
     let split = run.split(&set)?;
-    let state = &run.folder.state;
-    let path = run.folder.path("metrics.md");
-    let markdown = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let mut tables = vec![quality(&run.folder.read_json("ingest.json")?)];
-    tables.extend(scores(&markdown));
-    let report = Report {
-        title: format!("GNP: {}", state.data.description.replace('*', "")),
-        simulated: state.data.simulated,
-        facts: facts(run, &split),
-        tables,
-        figures: figures::draw(run, None)?,
-        player: player::recording(run, &set, &split)?,
-    };
-    let out = run.folder.path("report.html");
+    let data = &run.folder.state.data;
+    let scores = load_scores(&run.path().join("metrics.json"))?;
+    let differences = load_comparisons(&run.path().join("differences.json"))?;
+    let head = TableHead { split: split_description(run, &split), rate_hz: set.shape().rate_hz };
+    let figures = figures::draw(run, None)?;
+    let mut report = Report::new(format!("GNP: {}", plain(&data.description)), data.simulated);
+    if let Some(summary) = summary(run, &scores, &differences)? {
+        report.headline = summary.sentence();
+        report.summary = Some(ReportTable { title: String::new(), ..shown(&summary.table()) });
+    }
+    let (opening, others): (Vec<Figure>, Vec<Figure>) =
+        figures.iter().cloned().partition(|figure| figure.name == OPENING);
+    report.figures = opening;
+    report.player = clip::clip(run, &set, &split)?;
+    report.sections = score_sections(&scores, &differences, &head);
+    let mut pictures = ReportSection::new("Figures");
+    pictures.figures = others;
+    // Below what is scored under the protocol that the page opens with.
+    let details = report.sections.iter().take_while(|section| !section.folded).count();
+    report.sections.insert(details, pictures);
+    let mut recordings = ReportSection::new("Recordings");
+    recordings.tables = vec![quality(&run.folder.read_json("ingest.json")?)];
+    let mut provenance = ReportSection::new("Provenance");
+    provenance.facts = facts(run, &split);
+    report.sections.extend([recordings, provenance]);
+    let out = run.path().join("report.html");
     write(&out, report.html()?.as_bytes())?;
-    Ok((out, report.figures))
+    Ok((out, figures))
+}
+
+/// One sentence and one short table of a finished run; `None` where it was not scored under `clean`.
+///
+/// # Errors
+/// When `metrics.json`, `differences.json` or the model cannot be read.
+pub fn summarise(run: &Run) -> Result<Option<Summary>> {
+    let scores = load_scores(&run.path().join("metrics.json"))?;
+    summary(run, &scores, &load_comparisons(&run.path().join("differences.json"))?)
+}
+
+fn summary(run: &Run, scores: &[Score], differences: &[Comparison]) -> Result<Option<Summary>> {
+    let gnp = run.model()?;
+    let rules = systems::rules();
+    let rules: Vec<&str> = rules.iter().map(systems::System::name).collect();
+    let models = SummaryModels {
+        model: gnp_data::Predictor::name(&gnp),
+        label: "GNP",
+        reference: "constant velocity",
+        rules: &rules,
+    };
+    Ok(Summary::of(scores, differences, &models))
+}
+
+/// The tables of scores, one section a protocol: `clean` first, the others folded away.
+fn score_sections(scores: &[Score], differences: &[Comparison], head: &TableHead) -> Vec<ReportSection> {
+    let mut protocols: Vec<Protocol> = Vec::new();
+    for score in scores {
+        if !protocols.contains(&score.protocol) {
+            protocols.push(score.protocol);
+        }
+    }
+    protocols.sort_by_key(|protocol| *protocol != Protocol::Clean);
+    let section = |protocol: Protocol| {
+        let scores: Vec<Score> = scores.iter().filter(|score| score.protocol == protocol).cloned().collect();
+        let differences: Vec<Comparison> = differences.iter().filter(|row| row.protocol == protocol).cloned().collect();
+        let title = format!("Scores under protocol {}: {}", protocol.name(), protocol.summary());
+        let mut section = ReportSection::new(title);
+        section.folded = protocol != Protocol::Clean;
+        section.tables =
+            tables(&scores, head).iter().chain(&comparison_tables(&differences, head)).map(shown).collect();
+        section
+    };
+    protocols.into_iter().map(section).collect()
+}
+
+/// A table as the page shows it: the caption below it.
+fn shown(table: &Table) -> ReportTable {
+    let row = |row: &Vec<gnp_eval::TableCell>| {
+        row.iter().map(|cell| ReportCell { text: cell.text.clone(), interval: cell.interval_text() }).collect()
+    };
+    ReportTable {
+        title: table.name.clone(),
+        head: table.header.clone(),
+        rows: table.rows.iter().map(row).collect(),
+        notes: vec![plain(&table.caption)],
+    }
+}
+
+/// Without the emphasis of Markdown.
+fn plain(text: &str) -> String {
+    text.replace('*', "")
 }
 
 fn facts(run: &Run, split: &Split) -> Vec<(String, String)> {
@@ -52,11 +131,12 @@ fn facts(run: &Run, split: &Split) -> Vec<(String, String)> {
     let counts = format!("{} / {} / {}", split.train().len(), split.validation().len(), split.test().len());
     let seconds: f64 = state.finished.values().sum();
     [
-        ("data", state.data.description.replace('*', "")),
+        ("data", plain(&state.data.description)),
         ("kind of data", simulated.to_owned()),
         ("protocols", protocols.join(", ")),
         ("neighbours in the future", config.predict.neighbours.name().to_owned()),
         ("split by", format!("{}{}{leaks}", kinds(split.kinds()), fold(&run.config.split))),
+        ("evaluated subset", config.evaluate.subset.name().to_owned()),
         ("windows for training / validation / test", counts),
         ("split hash", state.split_hash.clone()),
         ("seed", state.seed.to_string()),
@@ -88,13 +168,13 @@ fn quality(report: &IngestSummary) -> ReportTable {
         "windows",
         "left out",
     ];
-    let row = |report: &crate::data::ingest::RecordingReport| {
+    let row = |report: &RecordingReport| {
         let (q, w) = (&report.quality, &report.windows);
         let left_out = w.gap + w.track_too_short + w.past_track_end;
-        let mut row = vec![q.recording.clone(), q.site.clone()];
+        let mut row: Vec<ReportCell> = vec![q.recording.as_str().into(), q.site.as_str().into()];
         let counts = [q.rows, q.vehicles, q.duplicates + q.conflicts, q.gaps, q.jumps, q.overlaps, q.lane_flips];
-        row.extend(counts.iter().map(u64::to_string));
-        row.extend([w.windows, left_out].map(|n| n.to_string()));
+        row.extend(counts.iter().map(|n| n.to_string().into()));
+        row.extend([w.windows, left_out].map(|n| n.to_string().into()));
         row
     };
     let mut notes = vec![
@@ -109,60 +189,55 @@ fn quality(report: &IngestSummary) -> ReportTable {
         );
     }
     ReportTable {
-        title: "Ingest quality".to_owned(),
+        title: "What was read, and what was left out".to_owned(),
         head: head.map(str::to_owned).to_vec(),
         rows: report.recordings.iter().map(row).collect(),
         notes,
     }
 }
 
-/// The tables of `metrics.md`: a table takes the line above it as its title.
-fn scores(markdown: &str) -> Vec<ReportTable> {
-    let mut tables: Vec<ReportTable> = Vec::new();
-    let plain = |text: &str| text.replace(['*', '`'], "").replace("<br>", " ").trim().to_owned();
-    let titled = |title| ReportTable { title, ..ReportTable::default() };
-    let mut in_table = false;
-    for line in markdown.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        if let Some(cells) = line.strip_prefix('|') {
-            let cells: Vec<String> = cells.trim_end_matches('|').split('|').map(plain).collect();
-            if !in_table {
-                let title = tables.last_mut().and_then(|above| above.notes.pop()).unwrap_or_default();
-                tables.push(ReportTable { head: cells, ..titled(title) });
-            } else if let Some(table) = tables.last_mut()
-                && !cells.iter().all(|cell| cell.chars().all(|c| c == '-' || c == ':' || c == ' '))
-            {
-                table.rows.push(cells);
-            }
-            in_table = true;
-            continue;
-        }
-        in_table = false;
-        match (line.strip_prefix('#'), tables.last_mut()) {
-            (None, Some(table)) => table.notes.push(plain(line)),
-            (heading, _) => tables.push(titled(plain(heading.unwrap_or(line).trim_start_matches('#')))),
-        }
-    }
-    tables
-}
-
 #[cfg(test)]
 mod tests {
+    use gnp_data::Dataset;
+
     use super::*;
 
+    fn score(protocol: Protocol, metric: &str, k: usize) -> Score {
+        Score {
+            dataset: Dataset::NGSIM,
+            site: "us-101".to_owned(),
+            manoeuvre: None,
+            model: "gnp".to_owned(),
+            protocol,
+            metric: metric.to_owned(),
+            k: Some(k),
+            horizon_s: 5.,
+            value: 5.5,
+            ci_low: Some(5.25),
+            ci_high: Some(5.75),
+            windows: 12,
+            vehicles: 3,
+            simulated: true,
+            uses_future: false,
+        }
+    }
+
     #[test]
-    fn tables_of_markdown_are_read() {
-        let text = "# Scores\n\nOn *simulated* data.\n\nall sites: clean\n\n| model | 1 s |\n|:---|---:|\n| gnp | 0.5 |\n\nA note.\n";
-        let tables = scores(text);
-        assert_eq!(tables.len(), 2);
-        assert_eq!((tables[0].title.as_str(), tables[0].notes[0].as_str()), ("Scores", "On simulated data."));
-        assert_eq!(
-            (&tables[1].title, &tables[1].head, &tables[1].rows),
-            (
-                &"all sites: clean".to_owned(),
-                &vec!["model".into(), "1 s".into()],
-                &vec![vec!["gnp".into(), "0.5".into()]]
-            )
-        );
-        assert_eq!(tables[1].notes, ["A note."]);
+    fn clean_comes_first_and_the_other_protocols_are_folded() {
+        let scores = [
+            score(Protocol::Paper, "min_ade", 20),
+            score(Protocol::Literature, "rmse_at", 1),
+            score(Protocol::Clean, "rmse_at", 1),
+        ];
+        let head = TableHead { split: "recording".to_owned(), rate_hz: 10. };
+        let sections = score_sections(&scores, &[], &head);
+        let seen: Vec<(bool, bool)> =
+            sections.iter().map(|section| (section.title.contains("protocol clean"), section.folded)).collect();
+        assert_eq!(seen, [(true, false), (false, true), (false, true)]);
+        let table = &sections[0].tables[0];
+        assert_eq!((table.title.as_str(), table.head[0].as_str()), ("clean us-101", "model"));
+        let number = &table.rows[0][1];
+        assert_eq!((number.text.as_str(), number.interval.as_deref()), ("5.50", Some("5.25 to 5.75")));
+        assert!(table.notes[0].starts_with("us-101, simulated: protocol clean"), "{:?}", table.notes);
     }
 }

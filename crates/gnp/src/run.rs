@@ -6,7 +6,7 @@ use std::cell::OnceCell;
 use std::path::Path;
 
 use gnp_data::{Recording, Split, WindowSet};
-use gnp_model::{Features, Gnp, NeighbourFuture};
+use gnp_model::{Features, Gnp};
 
 use crate::config::RunConfig;
 use crate::data::ingest::IngestSummary;
@@ -136,11 +136,7 @@ impl Run {
     /// When a training is not finished or a file of it cannot be used.
     pub fn model(&self) -> Result<Gnp> {
         let predict = &self.config.predict;
-        let neighbours = match predict.neighbours {
-            NeighbourFuture::Oracle => NeighbourFuture::ConstantVelocity,
-            other => other,
-        };
-        let gnp = Gnp::load(self.folder.root(), neighbours, &self.machine.device)?;
+        let gnp = Gnp::load(self.folder.root(), predict.neighbours.without_future(), &self.machine.device)?;
         Ok(gnp.selecting(predict.selection))
     }
 }

@@ -12,7 +12,7 @@ use gnp_model::Component;
 pub(crate) use self::modes::kinds;
 pub(crate) use self::training::Watch;
 use crate::config::RunConfig;
-use crate::data::{dataset_name, ingest, source};
+use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::evaluation;
 use crate::machine::Machine;
@@ -92,7 +92,7 @@ impl Plan {
         if let Some(asked) = self.dataset
             && asked != config.dataset
         {
-            let (asked, is) = (dataset_name(asked), dataset_name(config.dataset));
+            let (asked, is) = (asked.as_str(), config.dataset.as_str());
             bail!(Folder, "--dataset {asked} but {} is of {is}; take another --out", self.out.display());
         }
         if let Some(dir) = &self.data

@@ -47,7 +47,9 @@ pub fn compare(plan: &Plan, recipes: &Recipes, machine: &Machine) -> Result<()> 
         .collect();
     let table = Table::start("table1", plan, machine, 6 + kinds.len())?;
     let scored = table.scored(|fold| {
-        let mut systems = vec![System::predictor(FULL, fold.run.model()?), System::goal_head(fold.run.model()?)];
+        let gnp = fold.run.model()?;
+        let goal_head = System::predictor("goal head", gnp.goal_head());
+        let mut systems = vec![System::predictor(FULL, gnp), goal_head];
         systems.extend(rules(fold.set, fold.split)?);
         for (done, kind) in kinds.iter().copied().enumerate() {
             fold.progress(7 + done, kind.name());

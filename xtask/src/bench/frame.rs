@@ -75,8 +75,8 @@ fn frames(config: &RunConfig) -> Result<Sample> {
 
 /// The first of the embedded recordings.
 fn recordings(config: &RunConfig) -> Result<Vec<Recording>> {
-    let sources = discover(&project::root().join("fixtures/highd"), Dataset::HighD)?;
-    let expect = Expectation { dataset: Dataset::HighD, rate_hz: Some(config.data.rate_hz) };
+    let sources = discover(&project::root().join("fixtures/highd"), Dataset::HIGHD)?;
+    let expect = Expectation { dataset: Dataset::HIGHD, rate_hz: Some(config.data.rate_hz) };
     let Some(source) = sources.first() else {
         bail!("the embedded recordings are missing; check out the whole project")
     };
@@ -111,7 +111,7 @@ fn model(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Gnp> {
         let tensors = weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach()));
         Checkpoint { header, tensors: tensors.collect::<BTreeMap<String, Tensor>>() }
     });
-    Ok(Gnp::new(modes, &goal, Some(&force), config.predict.neighbours, &Device::Cpu)?)
+    Ok(Gnp::new(modes, &goal, Some(&force), config.predict.neighbours.without_future(), &Device::Cpu)?)
 }
 
 /// Modes that end at different places, 30 m/s apart at most.

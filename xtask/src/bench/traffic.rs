@@ -64,9 +64,9 @@ fn text(vehicles: usize) -> String {
 /// # Errors
 /// Those of the reader.
 pub(super) fn ingest(folder: &Path) -> Result<Vec<Recording>> {
-    let expect = Expectation { dataset: Dataset::Ngsim, rate_hz: Some(10.) };
+    let expect = Expectation { dataset: Dataset::NGSIM, rate_hz: Some(10.) };
     let mut recordings = Vec::new();
-    for source in discover(folder, Dataset::Ngsim)? {
+    for source in discover(folder, Dataset::NGSIM)? {
         recordings.extend(read(&source, &expect)?.into_iter().map(|(recording, _)| recording));
     }
     Ok(recordings)

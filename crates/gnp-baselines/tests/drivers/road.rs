@@ -1,8 +1,6 @@
 //! A road with a target and the vehicles ahead of it.
 
-use gnp_data::{
-    Columns, Dataset, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass, WindowShape,
-};
+use gnp_data::{Columns, Dataset, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Track, WindowShape};
 
 pub(crate) const SHAPE: WindowShape = WindowShape { t_obs: 16, t_pred: 30, step: 1, rate_hz: 10. };
 
@@ -33,24 +31,9 @@ pub(crate) fn road(shape: WindowShape, after: usize, cars: &[Car<'_>]) -> Record
             }
             columns.neighbours.push(neighbours);
         }
-        tracks.push(Track {
-            vehicle: number as u32 + 1,
-            segment: 0,
-            road: 0,
-            class: VehicleClass::Car,
-            length: 4.,
-            width: 1.8,
-            first_frame: car.from as u32,
-            rows: first..columns.x.len(),
-        });
+        tracks.push(Track::new(number as u32 + 1, [4., 1.8], car.from as u32, first..columns.x.len()));
     }
-    let meta = RecordingMeta {
-        dataset: Dataset::Ngsim,
-        site: "s".into(),
-        name: "a".into(),
-        rate_hz: shape.rate_hz,
-        simulated: true,
-    };
+    let meta = RecordingMeta::new(Dataset::NGSIM, "s", "a", shape.rate_hz).with_simulated(true);
     let road = Road { driving_direction: 2, lines: vec![], fitted: false };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }

@@ -55,9 +55,7 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     assert_eq!(names(out.path()), ["first"]);
 
     let scores = json(&first.join("metrics.json"));
-    for model in
-        ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM"]
-    {
+    for model in ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM"] {
         let rmse = scores.as_array().unwrap().iter().find(|score| {
             score["model"] == model
                 && score["metric"] == "rmse_at"

@@ -60,7 +60,7 @@ pub(super) fn assign(
     let mut by_name: BTreeMap<&str, Vec<WindowId>> = BTreeMap::new();
     let name = |recording: usize| set.recordings()[recording].meta().name.as_str();
     let together: Vec<&str> = if kind == SplitKind::Recording {
-        // A group goes by its first name, which does not depend on the order of recordings.
+        // A group is known by its first name, which does not depend on the order of recordings.
         let members = |of: usize| (0..groups.len()).filter(move |other| groups[*other] == groups[of]);
         (0..groups.len()).map(|of| members(of).map(name).min().unwrap_or_else(|| name(of))).collect()
     } else {

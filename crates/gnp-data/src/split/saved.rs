@@ -11,7 +11,8 @@ use sha2::{Digest as _, Sha256};
 use super::{Origin, Split, SplitKind, Subset};
 use crate::error::DataError;
 use crate::overlap::Overlap;
-use crate::window::{WindowId, WindowShape};
+use crate::window::WindowId;
+use crate::window_shape::WindowShape;
 use crate::windows::WindowSet;
 
 const VERSION: u32 = 1;
@@ -92,8 +93,7 @@ fn parse(set: &WindowSet<'_>, bytes: &[u8]) -> Result<Split, String> {
     }
     let (found, wanted) = (file.shape, set.shape());
     if !found.fits(&wanted) {
-        let show = |s: WindowShape| format!("{} + {} frames at {} Hz", s.t_obs, s.t_pred, s.rate_hz);
-        return Err(format!("it parts windows of {}, these have {}", show(found), show(wanted)));
+        return Err(format!("it parts windows of {found}, these have {wanted}"));
     }
     let parts = [ids(set, &file.train)?, ids(set, &file.validation)?, ids(set, &file.test)?];
     let SplitFile { kinds, seed, dropped_at_boundary, overlaps, .. } = file;

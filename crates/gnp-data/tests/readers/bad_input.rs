@@ -12,7 +12,7 @@ use super::{gzip, put, read_all, read_at};
 fn ngsim(text: &str) -> DataError {
     let folder = tempfile::tempdir().unwrap();
     let file = put(folder.path(), "bad.csv", text);
-    read_all(&file, Dataset::Ngsim).unwrap_err()
+    read_all(&file, Dataset::NGSIM).unwrap_err()
 }
 
 fn highd(change: impl Fn(&mut Files)) -> DataError {
@@ -20,7 +20,7 @@ fn highd(change: impl Fn(&mut Files)) -> DataError {
     let mut files = scene();
     change(&mut files);
     files.put(folder.path(), "05");
-    read_all(folder.path(), Dataset::HighD).unwrap_err()
+    read_all(folder.path(), Dataset::HIGHD).unwrap_err()
 }
 
 fn says(error: &DataError, parts: &[&str]) {
@@ -82,7 +82,7 @@ fn a_truncated_gzip() {
     let file = folder.path().join("cut.csv.gz");
     for keep in [packed.len() - 4, packed.len() * 9 / 10, packed.len() / 200] {
         std::fs::write(&file, &packed[..keep]).unwrap();
-        let error = read_all(&file, Dataset::Ngsim).unwrap_err();
+        let error = read_all(&file, Dataset::NGSIM).unwrap_err();
         assert!(matches!(error, DataError::Gzip { .. }), "{keep} bytes: {error}");
         says(&error, &["cut.csv.gz", "again"]);
     }
@@ -167,21 +167,21 @@ fn a_folder_without_recordings() {
     let folder = tempfile::tempdir().unwrap();
     put(folder.path(), "README.md", "nothing");
     put(folder.path(), "weather.csv", "day,sun\n1,2\n");
-    for dataset in [Dataset::Ngsim, Dataset::HighD] {
+    for dataset in [Dataset::NGSIM, Dataset::HIGHD] {
         let error = read_all(folder.path(), dataset).unwrap_err();
         assert!(matches!(error, DataError::NoRecordings { .. }), "{error}");
         says(&error, &[&folder.path().display().to_string(), "no recordings", ".csv"]);
     }
-    let error = read_all(&folder.path().join("absent"), Dataset::Ngsim).unwrap_err();
+    let error = read_all(&folder.path().join("absent"), Dataset::NGSIM).unwrap_err();
     assert!(matches!(error, DataError::Io { .. }), "{error}");
 
     // The other dataset is named.
     let folder = tempfile::tempdir().unwrap();
     scene().put(folder.path(), "05");
-    says(&read_all(folder.path(), Dataset::Ngsim).unwrap_err(), &["highD"]);
+    says(&read_all(folder.path(), Dataset::NGSIM).unwrap_err(), &["highD"]);
     let folder = tempfile::tempdir().unwrap();
     put(folder.path(), "a.csv", &good());
-    says(&read_all(folder.path(), Dataset::HighD).unwrap_err(), &["NGSIM"]);
+    says(&read_all(folder.path(), Dataset::HIGHD).unwrap_err(), &["NGSIM"]);
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn an_empty_table() {
 fn rate(text: &str, expected: f64) -> DataError {
     let folder = tempfile::tempdir().unwrap();
     let file = put(folder.path(), "bad.csv", text);
-    read_at(&file, Dataset::Ngsim, Some(expected)).unwrap_err()
+    read_at(&file, Dataset::NGSIM, Some(expected)).unwrap_err()
 }
 
 #[test]
@@ -212,10 +212,10 @@ fn a_rate_the_configuration_does_not_expect() {
 
     let folder = tempfile::tempdir().unwrap();
     scene().put(folder.path(), "05");
-    let error = read_at(folder.path(), Dataset::HighD, Some(10.)).unwrap_err();
+    let error = read_at(folder.path(), Dataset::HIGHD, Some(10.)).unwrap_err();
     assert!(matches!(error, DataError::Rate { found_hz: 25., expected_hz: 10., .. }), "{error}");
     says(&error, &["05_recordingMeta.csv", "05"]);
-    assert!(read_at(folder.path(), Dataset::HighD, Some(25.)).is_ok());
+    assert!(read_at(folder.path(), Dataset::HIGHD, Some(25.)).is_ok());
 }
 
 #[test]
@@ -259,7 +259,7 @@ fn partners_that_do_not_fit() {
     let folder = tempfile::tempdir().unwrap();
     scene().put(folder.path(), "05");
     std::fs::remove_file(folder.path().join("05_tracksMeta.csv")).unwrap();
-    let error = read_all(folder.path(), Dataset::HighD).unwrap_err();
+    let error = read_all(folder.path(), Dataset::HIGHD).unwrap_err();
     assert!(matches!(error, DataError::MissingPartner { partner: "tracksMeta", .. }), "{error}");
     says(&error, &["05_", "tracksMeta", "folder"]);
 
@@ -277,7 +277,7 @@ fn every_file_stays_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
     put(folder.path(), "bad.csv", &with(&good(), 17, 5, "NaN"));
     let list = |folder: &Path| std::fs::read_dir(folder).unwrap().count();
-    assert!(read_all(folder.path(), Dataset::Ngsim).is_err());
+    assert!(read_all(folder.path(), Dataset::NGSIM).is_err());
     assert_eq!(list(folder.path()), 1, "nothing half-written is left");
 }
 
@@ -311,13 +311,13 @@ fn no_damage_makes_a_reader_panic() {
         if round % 4 == 3 {
             let file = folder.path().join("bad.csv");
             std::fs::write(&file, bytes).unwrap();
-            refused += u32::from(read_all(&file, Dataset::Ngsim).is_err());
+            refused += u32::from(read_all(&file, Dataset::NGSIM).is_err());
             std::fs::remove_file(file).unwrap();
         } else {
             let name = ["05_tracks.csv", "05_tracksMeta.csv", "05_recordingMeta.csv"][round % 4];
             scene().put(folder.path(), "05");
             std::fs::write(folder.path().join(name), bytes).unwrap();
-            refused += u32::from(read_all(folder.path(), Dataset::HighD).is_err());
+            refused += u32::from(read_all(folder.path(), Dataset::HIGHD).is_err());
         }
     }
     assert!(refused > 100, "most damage is noticed: {refused} of 300");

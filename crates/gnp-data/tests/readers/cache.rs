@@ -5,7 +5,7 @@ use gnp_data::{DataError, Dataset, Recording};
 use super::{fixtures, read_all};
 
 fn recording() -> Recording {
-    read_all(&fixtures("ngsim").join("us101-10_1.csv.gz"), Dataset::Ngsim).unwrap().remove(0).0
+    read_all(&fixtures("ngsim").join("us101-10_1.csv.gz"), Dataset::NGSIM).unwrap().remove(0).0
 }
 
 #[test]

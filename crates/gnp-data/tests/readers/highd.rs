@@ -70,7 +70,7 @@ pub(crate) fn scene() -> Files {
 fn read_scene(files: &Files) -> Recording {
     let folder = tempfile::tempdir().unwrap();
     files.put(folder.path(), "09");
-    let mut all = read_all(folder.path(), Dataset::HighD).unwrap();
+    let mut all = read_all(folder.path(), Dataset::HIGHD).unwrap();
     assert_eq!(all.len(), 1);
     all.remove(0).0
 }
@@ -118,8 +118,7 @@ fn markings_turn_with_their_carriageway() {
 #[test]
 fn named_neighbours_are_tracks() {
     let recording = read_scene(&scene());
-    let vehicle =
-        |row: usize, slot: Slot| recording.neighbour(row, slot as usize).map(|t| recording.tracks()[t].vehicle);
+    let vehicle = |row: usize, slot: Slot| recording.neighbour(row, slot).map(|t| recording.tracks()[t].vehicle);
     assert_eq!(vehicle(3, Slot::RightFollowing), Some(2));
     assert_eq!(vehicle(13, Slot::LeftPreceding), Some(1));
     assert_eq!(vehicle(23, Slot::RightAlongside), Some(4));
@@ -136,18 +135,18 @@ fn files_are_known_by_their_columns_packed_or_not() {
     put(folder.path(), "a_info.csv", &files.recording_meta);
     files.put(folder.path(), "b");
     put(folder.path(), "SIMULATED", "");
-    let all = read_all(folder.path(), Dataset::HighD).unwrap();
+    let all = read_all(folder.path(), Dataset::HIGHD).unwrap();
     assert_eq!(all.len(), 2);
     assert_eq!(all[0].0.columns(), all[1].0.columns());
     assert!(all.iter().all(|(recording, _)| recording.meta().simulated));
     // One of the three files stands for its recording.
-    let one = read_all(&folder.path().join("b_tracksMeta.csv"), Dataset::HighD).unwrap();
+    let one = read_all(&folder.path().join("b_tracksMeta.csv"), Dataset::HIGHD).unwrap();
     assert_eq!(one.iter().map(|(r, _)| r.meta().name.as_str()).collect::<Vec<_>>(), ["b"]);
 }
 
 #[test]
 fn the_embedded_recordings_are_whole_and_left_is_left_on_both_carriageways() {
-    let all = read_all(&fixtures("highd"), Dataset::HighD).unwrap();
+    let all = read_all(&fixtures("highd"), Dataset::HIGHD).unwrap();
     let counts: Vec<(u64, u64)> = all.iter().map(|(_, q)| (q.vehicles, q.rows)).collect();
     assert_eq!(counts, [(132, 43_732), (177, 61_933), (168, 57_193)]);
     for (recording, quality) in &all {
@@ -159,7 +158,7 @@ fn the_embedded_recordings_are_whole_and_left_is_left_on_both_carriageways() {
             for row in track.rows.clone().step_by(20) {
                 assert!(c.vx[row] > 0., "everybody drives forward");
                 let side = |slot: Slot| {
-                    let other = recording.neighbour(row, slot as usize)?;
+                    let other = recording.neighbour(row, slot)?;
                     let frame = track.first_frame + (row - track.rows.start) as u32;
                     Some(recording.state(recording.tracks()[other].row_at(frame)?))
                 };
@@ -179,7 +178,7 @@ fn the_embedded_recordings_are_whole_and_left_is_left_on_both_carriageways() {
 
 #[test]
 fn recorded_velocities_are_those_of_the_positions() {
-    let all = read_all(&fixtures("highd"), Dataset::HighD).unwrap();
+    let all = read_all(&fixtures("highd"), Dataset::HIGHD).unwrap();
     for (recording, _) in &all {
         let c = recording.columns();
         for track in recording.tracks() {

@@ -45,7 +45,7 @@ fn every_layout_gives_the_same_recording() {
             } else {
                 std::fs::write(&file, text).unwrap();
             }
-            let all = read_all(&file, Dataset::Ngsim).unwrap_or_else(|e| panic!("{what}: {e}"));
+            let all = read_all(&file, Dataset::NGSIM).unwrap_or_else(|e| panic!("{what}: {e}"));
             let [(recording, quality)] = &all[..] else { panic!("{what}: one recording") };
             assert_eq!((quality.rows_read, quality.vehicles), (120, 3), "{what}");
             let first = first.get_or_insert_with(|| columns(recording).clone());
@@ -64,7 +64,7 @@ fn a_folder_is_searched_to_the_bottom_and_named_for_uniqueness() {
     put(folder.path(), "i-80/trajectories-0400-0415.txt", &text);
     put(folder.path(), "README.txt", "Vehicle trajectories of two motorways\n");
     put(folder.path(), "notes.csv", "day,weather\n1,sun\n");
-    let sources = discover(folder.path(), Dataset::Ngsim).unwrap();
+    let sources = discover(folder.path(), Dataset::NGSIM).unwrap();
     let found: Vec<(&str, Option<&str>)> = sources.iter().map(|s| (s.name.as_str(), s.site.as_deref())).collect();
     assert_eq!(
         found,
@@ -85,8 +85,8 @@ fn a_marker_in_a_folder_above_makes_recordings_simulated() {
     put(folder.path(), "real/a.csv", &text);
     put(folder.path(), "made/SIMULATED", "by a simulator\n");
     let made = put(folder.path(), "made/deep/b.csv", &text);
-    let all = read_all(folder.path(), Dataset::Ngsim).unwrap();
+    let all = read_all(folder.path(), Dataset::NGSIM).unwrap();
     let marks: Vec<(bool, bool)> = all.iter().map(|(r, q)| (r.meta().simulated, q.simulated)).collect();
     assert_eq!(marks, [(false, false), (true, true)]);
-    assert!(read_all(&made, Dataset::Ngsim).unwrap()[0].1.simulated, "a single file looks above itself as well");
+    assert!(read_all(&made, Dataset::NGSIM).unwrap()[0].1.simulated, "a single file looks above itself as well");
 }

@@ -39,7 +39,7 @@ fn summary(all: &[(Recording, gnp_data::IngestReport)]) -> Vec<(&str, &str, u64,
 fn sites_and_periods_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let file = put(folder.path(), "export.csv", &format!("{HEADER}\n{}\n", lines().join("\n")));
-    let all = read_all(&file, Dataset::Ngsim).unwrap();
+    let all = read_all(&file, Dataset::NGSIM).unwrap();
     assert_eq!(
         summary(&all),
         [("export-i-80-1", "i-80", 1, 6), ("export-us-101-1", "us-101", 2, 20), ("export-us-101-2", "us-101", 1, 15),]
@@ -62,7 +62,7 @@ fn rows_in_any_order_and_repeated_give_the_same_recordings() {
     let order: Vec<String> = (0..n).map(|i| shuffled[i * 37 % n].clone()).collect();
     assert_eq!(order.iter().collect::<std::collections::BTreeSet<_>>().len(), lines().len());
     let mixed = put(folder.path(), "mixed/export.csv", &format!("{HEADER}\n{}\n", order.join("\n")));
-    let (sorted, mixed) = (read_all(&sorted, Dataset::Ngsim).unwrap(), read_all(&mixed, Dataset::Ngsim).unwrap());
+    let (sorted, mixed) = (read_all(&sorted, Dataset::NGSIM).unwrap(), read_all(&mixed, Dataset::NGSIM).unwrap());
     assert_eq!(summary(&sorted), summary(&mixed));
     for (a, b) in sorted.iter().zip(&mixed) {
         assert_eq!(a.0.columns(), b.0.columns());
@@ -82,7 +82,7 @@ fn a_file_of_streets_alone_is_no_recording() {
     let folder = tempfile::tempdir().unwrap();
     let street: Vec<String> = rows(&[(1, 1, 50.)], 0..3).iter().map(|row| line(row, "peachtree")).collect();
     let file = put(folder.path(), "export.csv", &format!("{HEADER}\n{}\n", street.join("\n")));
-    let message = read_all(&file, Dataset::Ngsim).unwrap_err().to_string();
+    let message = read_all(&file, Dataset::NGSIM).unwrap_err().to_string();
     assert!(message.contains("export.csv") && message.contains("peachtree"), "{message}");
 }
 
@@ -94,7 +94,7 @@ fn an_id_that_returns_after_a_gap_is_another_segment() {
     assert_eq!(both[5].time, START + 3000);
     let text: Vec<String> = both.iter().map(|row| line(row, "us-101")).collect();
     let file = put(folder.path(), "export.csv", &format!("{HEADER}\n{}\n", text.join("\n")));
-    let (recording, quality) = &read_all(&file, Dataset::Ngsim).unwrap()[0];
+    let (recording, quality) = &read_all(&file, Dataset::NGSIM).unwrap()[0];
     let tracks: Vec<_> =
         recording.tracks().iter().map(|t| (t.vehicle, t.segment, t.first_frame, t.rows.len())).collect();
     assert_eq!(tracks, [(1, 0, 10, 5), (1, 1, 30, 3)]);

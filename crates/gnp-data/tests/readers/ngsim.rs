@@ -56,7 +56,7 @@ pub(crate) fn csv(rows: &[Row]) -> String {
 fn a_row_of_known_feet_stands_where_its_metres_say() {
     let folder = tempfile::tempdir().unwrap();
     let file = put(folder.path(), "one.csv", &csv(&rows(&[(4, 2, 110.)], 7..12)));
-    let [(recording, _)] = &read_all(&file, Dataset::Ngsim).unwrap()[..] else { panic!("one recording") };
+    let [(recording, _)] = &read_all(&file, Dataset::NGSIM).unwrap()[..] else { panic!("one recording") };
     let track = &recording.tracks()[0];
     assert_eq!((track.vehicle, track.first_frame, track.rows.clone()), (4, 7, 0..5));
     assert_eq!(track.class, VehicleClass::Car);
@@ -80,7 +80,7 @@ fn a_vehicle_that_moves_to_a_smaller_local_x_moves_left() {
     let mut rows = rows(&[(1, 3, 0.)], 0..6);
     rows.iter_mut().for_each(|row| row.x -= f64::from(row.frame));
     let file = put(folder.path(), "one.csv", &csv(&rows));
-    let (recording, _) = &read_all(&file, Dataset::Ngsim).unwrap()[0];
+    let (recording, _) = &read_all(&file, Dataset::NGSIM).unwrap()[0];
     assert!((recording.state(3).vy - 3.048).abs() < 1e-3);
     assert!(recording.state(5).y > recording.state(0).y);
 }
@@ -90,8 +90,8 @@ fn slots_and_lines_come_from_lanes() {
     let folder = tempfile::tempdir().unwrap();
     let vehicles = [(1, 2, 300.), (2, 2, 400.), (3, 2, 200.), (4, 1, 310.), (5, 1, 380.), (6, 3, 240.)];
     let file = put(folder.path(), "one.csv", &csv(&rows(&vehicles, 0..40)));
-    let (recording, quality) = &read_all(&file, Dataset::Ngsim).unwrap()[0];
-    let vehicle = |slot: Slot| recording.neighbour(5, slot as usize).map(|t| recording.tracks()[t].vehicle);
+    let (recording, quality) = &read_all(&file, Dataset::NGSIM).unwrap()[0];
+    let vehicle = |slot: Slot| recording.neighbour(5, slot).map(|t| recording.tracks()[t].vehicle);
     assert_eq!(vehicle(Slot::Preceding), Some(2));
     assert_eq!(vehicle(Slot::Following), Some(3));
     assert_eq!(vehicle(Slot::LeftAlongside), Some(4));
@@ -118,7 +118,7 @@ fn slots_and_lines_come_from_lanes() {
 
 #[test]
 fn the_embedded_scenes_are_whole_and_plausible() {
-    let all = read_all(&fixtures("ngsim"), Dataset::Ngsim).unwrap();
+    let all = read_all(&fixtures("ngsim"), Dataset::NGSIM).unwrap();
     assert_eq!(all.len(), 18);
     assert!(all.windows(2).all(|pair| pair[0].0.meta().name < pair[1].0.meta().name));
     for (recording, quality) in &all {
@@ -147,14 +147,14 @@ fn the_leader_of_the_slots_is_the_leader_of_the_file() {
     let file = fixtures("ngsim").join("i80-lanes123.csv.gz");
     let mut text = String::new();
     flate2::read::GzDecoder::new(std::fs::File::open(&file).unwrap()).read_to_string(&mut text).unwrap();
-    let (recording, _) = &read_all(&file, Dataset::Ngsim).unwrap()[0];
+    let (recording, _) = &read_all(&file, Dataset::NGSIM).unwrap()[0];
     let mut checked = 0;
     for line in text.lines().skip(1).step_by(50) {
         let field = |i: usize| line.split(',').nth(i).unwrap().parse::<f64>().unwrap() as u32;
         let (vehicle, frame, leader) = (field(0), field(1), field(14));
         let row = |vehicle| recording.tracks().iter().filter(|t| t.vehicle == vehicle).find_map(|t| t.row_at(frame));
         let (Some(row), Some(_)) = (row(vehicle), row(leader)) else { continue };
-        let slot = recording.neighbour(row, Slot::Preceding as usize).map(|t| recording.tracks()[t].vehicle);
+        let slot = recording.neighbour(row, Slot::Preceding).map(|t| recording.tracks()[t].vehicle);
         assert_eq!(slot, Some(leader), "vehicle {vehicle}, frame {frame}");
         checked += 1;
     }

@@ -10,7 +10,7 @@ fn quality(change: impl Fn(&mut Vec<super::ngsim::Row>)) -> IngestReport {
     let mut rows = rows(&[(1, 1, 0.), (2, 2, 300.), (3, 3, 600.)], 0..60);
     change(&mut rows);
     let file = put(folder.path(), "us101.csv", &csv(&rows));
-    read_all(&file, Dataset::Ngsim).unwrap().remove(0).1
+    read_all(&file, Dataset::NGSIM).unwrap().remove(0).1
 }
 
 #[test]

@@ -3,12 +3,9 @@
 #![allow(dead_code)] // each test file takes what it needs
 #![allow(clippy::unwrap_used)] // only tests call these
 
-use gnp_data::{
-    Columns, Dataset, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, SLOTS, Track, VehicleClass,
-    WindowConfig,
-};
+use gnp_data::{Columns, Dataset, LaneMarking, Recording, RecordingMeta, Road, SLOTS, Track, WindowConfig};
 
-/// Nobody in a neighbour slot.
+/// No vehicle in a neighbour slot.
 pub(crate) const NO_TRACK: u32 = u32::MAX;
 
 /// 0.3 s observed (4 frames at 10 Hz), 0.5 s predicted (5 frames), a window every 0.2 s (2 frames).
@@ -19,13 +16,13 @@ pub(crate) fn short_windows() -> WindowConfig {
 /// A track: vehicle, segment, first frame, rows.
 pub(crate) type Snippet = (u32, u16, u32, usize);
 
-/// Vehicles that keep their speed of `vehicle` m/s in a lane of their own, with nobody beside them.
+/// Vehicles that keep their speed of `vehicle` m/s in a lane of their own, with no vehicle beside them.
 pub(crate) fn recording(name: &str, site: &str, rate_hz: f64, snippets: &[Snippet]) -> Recording {
     let position = |(vehicle, _, first, _): Snippet, i: usize| {
         let time = f64::from(first + i as u32) / rate_hz;
         [(f64::from(vehicle) * time) as f32, vehicle as f32 * 4.]
     };
-    from_positions(Dataset::Ngsim, name, site, rate_hz, snippets, &position, &|_, _| [NO_TRACK; SLOTS])
+    from_positions(Dataset::NGSIM, name, site, rate_hz, snippets, &position, &|_, _| [NO_TRACK; SLOTS])
 }
 
 /// A recording from positions (of the `i`-th row of a track) and neighbours (of a track at a frame),
@@ -55,20 +52,11 @@ pub(crate) fn from_positions(
             columns.lane.push(1 + (vehicle % 3) as i16);
             columns.neighbours.push(neighbours(index, first_frame + i as u32));
         }
-        tracks.push(Track {
-            vehicle,
-            segment,
-            road: 0,
-            class: VehicleClass::Car,
-            length: 4. + vehicle as f32 / 16.,
-            width: 1.75,
-            first_frame,
-            rows: start..start + rows,
-        });
+        let mut track = Track::new(vehicle, [4. + vehicle as f32 / 16., 1.75], first_frame, start..start + rows);
+        track.segment = segment;
+        tracks.push(track);
     }
-    let line = |kind, y| LaneMarking { kind, y };
-    let lines =
-        vec![line(MarkingKind::Boundary, -2.), line(MarkingKind::LaneDivider, 1.75), line(MarkingKind::Boundary, 5.5)];
-    let meta = RecordingMeta { dataset, site: site.into(), name: name.into(), rate_hz, simulated: false };
+    let lines = [(-2., true), (1.75, false), (5.5, true)].map(|(y, boundary)| LaneMarking::new(y, boundary)).to_vec();
+    let meta = RecordingMeta::new(dataset, site, name, rate_hz);
     Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
 }

@@ -307,17 +307,13 @@ pub(super) fn parquet_schema(explaining: &[Explaining]) -> Result<TypePtr, Parqu
 impl Provenance {
     /// The file's key-value metadata: the provenance, the frame, the terms and the unit of every column.
     pub(super) fn key_values(&self, terms: &[Arc<TermDescriptor>]) -> Vec<KeyValue> {
-        let dataset = match self.dataset {
-            Dataset::Ngsim => "ngsim",
-            Dataset::HighD => "highd",
-        };
         let units = all_columns(terms).into_iter().filter(|column| !column.unit.is_empty());
         let units: Vec<String> = units.map(|column| format!("{} {}", column.name, column.unit)).collect();
         let described: Vec<&TermDescriptor> = terms.iter().map(AsRef::as_ref).collect();
         let pairs = [
             ("schema", SCHEMA.to_owned()),
             ("model", self.model.clone()),
-            ("dataset", dataset.to_owned()),
+            ("dataset", self.dataset.to_string()),
             ("rate_hz", self.rate_hz.to_string()),
             ("simulated", self.simulated.to_string()),
             ("uses_future", self.uses_future.to_string()),

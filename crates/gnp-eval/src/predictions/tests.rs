@@ -21,7 +21,7 @@ fn key(recording: &str, vehicle: u32, t0: u32) -> WindowKey {
 }
 
 fn provenance() -> Provenance {
-    Provenance { model: "gnp".to_owned(), dataset: Dataset::HighD, rate_hz: 5., simulated: true, uses_future: false }
+    Provenance { model: "gnp".to_owned(), dataset: Dataset::HIGHD, rate_hz: 5., simulated: true, uses_future: false }
 }
 
 /// A mode of `steps` steps whose every number differs.

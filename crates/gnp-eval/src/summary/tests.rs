@@ -15,7 +15,7 @@ const MODELS: SummaryModels<'_> = SummaryModels {
 
 fn score(site: &str, model: &str, metric: &str, k: usize, horizon_s: f64, value: f64) -> Score {
     Score {
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         site: site.to_owned(),
         manoeuvre: None,
         model: model.to_owned(),
@@ -57,7 +57,7 @@ const US_101: [(&str, f64); 5] = [
 
 fn comparison(site: &str, b: &str, verdict: Verdict) -> Comparison {
     Comparison {
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         site: site.to_owned(),
         protocol: Protocol::Clean,
         metric: "rmse_at".to_owned(),

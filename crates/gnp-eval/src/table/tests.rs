@@ -14,7 +14,7 @@ fn scores(protocol: Protocol, site: &str, model: &str, start: f64) -> Vec<Score>
     let shape = WindowShape { t_obs: 31, t_pred: 50, step: 1, rate_hz: 10. };
     let metrics = protocol.metrics(&shape).unwrap();
     let score = |(i, metric): (usize, &Metric)| Score {
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         site: site.to_owned(),
         manoeuvre: None,
         model: model.to_owned(),
@@ -167,7 +167,7 @@ fn csv_has_a_line_a_cell() {
 #[test]
 fn differences_say_who_is_better() {
     let comparison = |b: &str, value, verdict, uses_future| Comparison {
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         site: "us-101".to_owned(),
         protocol: Protocol::Literature,
         metric: "rmse_at".to_owned(),

@@ -218,19 +218,11 @@ fn traffic(order: [usize; 5], scrambled: bool) -> Recording {
             columns.lane.push(if odd == 0. { 1 } else { 2 });
             columns.neighbours.push([u32::MAX; SLOTS]);
         }
-        tracks.push(Track {
-            vehicle: i as u32 + 1,
-            segment: 0,
-            road: 0,
-            class: if car == 2 { VehicleClass::Truck } else { VehicleClass::Car },
-            length: 4.5,
-            width: 1.8,
-            first_frame: 7,
-            rows: first..columns.x.len(),
-        });
+        let mut track = Track::new(i as u32 + 1, [4.5, 1.8], 7, first..columns.x.len());
+        track.class = if car == 2 { VehicleClass::Truck } else { VehicleClass::Car };
+        tracks.push(track);
     }
-    let meta =
-        RecordingMeta { dataset: Dataset::Ngsim, site: "s".into(), name: "a".into(), rate_hz: 10., simulated: true };
+    let meta = RecordingMeta::new(Dataset::NGSIM, "s", "a", 10.).with_simulated(true);
     let road = Road { driving_direction: 2, lines: vec![], fitted: false };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }

@@ -40,28 +40,15 @@ pub(super) fn recording(id: impl Fn(usize) -> u32, moved: impl Fn(usize, usize) 
             columns.lane.push(3 - lane as i16);
             columns.neighbours.push([u32::MAX; SLOTS]);
         }
-        tracks.push(Track {
-            vehicle: id(vehicle),
-            segment: 0,
-            road: 0,
-            class: if vehicle == 4 { VehicleClass::Truck } else { VehicleClass::Car },
-            length: 4.5,
-            width: 1.8,
-            first_frame: 1,
-            rows: first..columns.x.len(),
-        });
+        let mut track = Track::new(id(vehicle), [4.5, 1.8], 1, first..columns.x.len());
+        track.class = if vehicle == 4 { VehicleClass::Truck } else { VehicleClass::Car };
+        tracks.push(track);
     }
     let line = |kind, y| LaneMarking { kind, y };
     let (edge, centre) = (MarkingKind::Boundary, MarkingKind::LaneDivider);
     let lines = vec![line(edge, 0.), line(centre, 3.6), line(centre, 7.2), line(edge, 10.8)];
     let roads = vec![Road { driving_direction: 2, lines, fitted: false }];
-    let meta = RecordingMeta {
-        dataset: Dataset::Ngsim,
-        site: "us-101".to_owned(),
-        name: "meandering".to_owned(),
-        rate_hz: 10.,
-        simulated: true,
-    };
+    let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", "meandering", 10.).with_simulated(true);
     Recording::from_parts(meta, roads, tracks, columns).unwrap()
 }
 

@@ -133,7 +133,7 @@
     vehicles.forEach((v, i) => {
       const place = at(v, state.frame);
       if (!place) return;
-      box(v, place, i === state.picked ? COLOURS.target : near.has(i) ? look.near : v.test ? look.test : look.other, i === state.hover ? COLOURS.target : near.has(i) ? COLOURS.neighbours : look.hull);
+      box(v, place, i === state.picked ? COLOURS.target : near.has(i) ? look.near : v.evaluated ? look.test : look.other, i === state.hover ? COLOURS.target : near.has(i) ? COLOURS.neighbours : look.hull);
     });
     if (picked && here) {
       const past = [];
@@ -164,7 +164,7 @@
     slider.value = state.frame;
     byId("play").textContent = state.playing ? "Pause" : "Play";
     const seconds = (state.frame / data.rate).toFixed(1);
-    status.textContent = `${seconds} s` + (picked && here ? `, vehicle ${picked.id}: ${speed(picked, state.frame).toFixed(1)} m/s` : "") + (picked && !here ? `, vehicle ${picked.id} is not there` : "") + (forecast ? `, forecast made at ${(forecast.frame / data.rate).toFixed(1)} s, likeliest of ${forecast.modes.length}: ${(100 * forecast.modes[0].p).toFixed(0)} %` + (picked.test ? " (test part)" : " (not of the test part)") : picked ? ", no forecast yet" : ", pick a vehicle by click or with N");
+    status.textContent = `${seconds} s` + (picked && here ? `, vehicle ${picked.id}: ${speed(picked, state.frame).toFixed(1)} m/s` : "") + (picked && !here ? `, vehicle ${picked.id} is not there` : "") + (forecast ? `, forecast made at ${(forecast.frame / data.rate).toFixed(1)} s, likeliest of ${forecast.modes.length}: ${(100 * forecast.modes[0].p).toFixed(0)} %` + (picked.evaluated ? ` (${data.subset} subset)` : ` (not in the ${data.subset} subset)`) : picked ? ", no forecast yet" : ", pick a vehicle by click or with N");
     for (const key of ["forces", "modes", "neighbours"]) byId(key).setAttribute("aria-pressed", state[key]);
   };
 
@@ -307,18 +307,18 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   addEventListener("resize", draw);
   slider.max = data.frames - 1;
-  // `report.html#t=12.5&vehicle=7&theme=dark` opens that moment; without a vehicle the one of the test part with the
+  // `report.html#t=12.5&vehicle=7&theme=dark` opens that moment; without a vehicle the evaluated one with the
   // most neighbours in its forecast.
   const open = () => {
     const asked = new URLSearchParams(location.hash.slice(1));
     if (["light", "dark"].includes(asked.get("theme"))) document.documentElement.dataset.theme = asked.get("theme");
     state.frame = Math.min(Math.max(Math.round((Number(asked.get("t")) || 0) * data.rate), 0), data.frames - 1);
     const there = vehicles.map((v, i) => i).filter((i) => at(vehicles[i], state.frame));
-    const busy = (i) => { const f = forecastOf(vehicles[i], state.frame); return (vehicles[i].test ? 100 : 0) + (f ? 1 + f.neighbours.filter((n) => n !== -2).length : 0); };
+    const busy = (i) => { const f = forecastOf(vehicles[i], state.frame); return (vehicles[i].evaluated ? 100 : 0) + (f ? 1 + f.neighbours.filter((n) => n !== -2).length : 0); };
     const named = vehicles.findIndex((v) => String(v.id) === asked.get("vehicle"));
     pick(named >= 0 ? named : there.length ? there.reduce((best, i) => (busy(i) > busy(best) ? i : best)) : -1);
   };
-  addEventListener("hashchange", open);
+  addEventListener("hashchange", () => location.hash.includes("=") && open()); // else it is a place on the page
   open();
   addEventListener("load", () => {
     byId("ready").textContent = `Ready after ${(performance.now() / 1000).toFixed(2)} s: ${(data.frames / data.rate).toFixed(0)} s of traffic, ${vehicles.length} vehicles, ${data.forecasts.length} forecasts.`;

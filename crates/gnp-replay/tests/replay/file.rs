@@ -16,7 +16,7 @@ use re_sdk_types::components::{
 use re_sdk_types::datatypes::Vec3D;
 use re_sdk_types::{Component, ComponentDescriptor};
 
-use crate::scene::scene;
+use crate::clip::{PICKED, clip};
 
 /// What a file holds.
 struct Held {
@@ -72,7 +72,7 @@ fn at(frame: i64) -> i64 {
 #[test]
 fn a_file_names_its_version_and_its_stores() {
     const { assert!(CAN_ENCODE) };
-    let bytes = encode(&scene()).unwrap();
+    let bytes = encode(&clip(), PICKED).unwrap();
     assert_eq!(&bytes[..4], b"RRF2");
     let held = read(&bytes);
     let [recording, layout] = &held.stores[..] else { panic!("{:?}", held.stores) };
@@ -88,19 +88,19 @@ fn a_file_names_its_version_and_its_stores() {
 }
 
 #[test]
-fn the_same_scene_gives_the_same_bytes_and_another_one_another_name() {
-    let bytes = encode(&scene()).unwrap();
-    assert!(bytes == encode(&scene()).unwrap());
-    let mut other = scene();
-    other.vehicles[1].moments[2].centre[0] += 0.01;
-    assert_ne!(read(&bytes).stores, read(&encode(&other).unwrap()).stores);
+fn the_same_clip_gives_the_same_bytes_and_another_one_another_name() {
+    let bytes = encode(&clip(), PICKED).unwrap();
+    assert!(bytes == encode(&clip(), PICKED).unwrap());
+    let mut other = clip();
+    other.vehicles[1].states[2].centre[0] += 0.01;
+    assert_ne!(read(&bytes).stores, read(&encode(&other, PICKED).unwrap()).stores);
 }
 
 #[test]
 fn every_record_is_there_on_both_timelines() {
-    let held = read(&encode(&scene()).unwrap());
+    let held = read(&encode(&clip(), PICKED).unwrap());
     let mut expected: BTreeMap<String, usize> = BTreeMap::new();
-    for record in gnp_replay::records(&scene()) {
+    for record in gnp_replay::records(&clip(), PICKED) {
         expected.insert(record.entity, record.rows.len());
     }
     expected.extend([("/".to_owned(), 1), ("/__properties".to_owned(), 1)]);
@@ -119,8 +119,8 @@ fn every_record_is_there_on_both_timelines() {
 }
 
 #[test]
-fn boxes_paths_and_forces_stand_where_the_scene_has_them() {
-    let held = read(&encode(&scene()).unwrap());
+fn boxes_paths_and_forces_stand_where_the_clip_has_them() {
+    let held = read(&encode(&clip(), PICKED).unwrap());
     let near = |found: Vec3D, x: f32, y: f32| {
         let found = found.0;
         assert!(
@@ -156,7 +156,7 @@ fn boxes_paths_and_forces_stand_where_the_scene_has_them() {
 
 #[test]
 fn scalars_have_names_and_values() {
-    let held = read(&encode(&scene()).unwrap());
+    let held = read(&encode(&clip(), PICKED).unwrap());
     let tau = column::<Scalar>(&held.recording, "/scalars/7/goal/tau", &Scalars::descriptor_scalars());
     assert_eq!(tau.len(), 7);
     assert!((tau[&at(115)][0].0.0 - 0.8).abs() < 1e-6, "{tau:?}");
@@ -168,7 +168,7 @@ fn scalars_have_names_and_values() {
 
 #[test]
 fn the_layout_is_active_and_shows_the_picked_vehicle() {
-    let held = read(&encode(&scene()).unwrap());
+    let held = read(&encode(&clip(), PICKED).unwrap());
     assert!(held.activated);
     let mut origins = Vec::new();
     let mut contents = Vec::new();
@@ -189,9 +189,7 @@ fn the_layout_is_active_and_shows_the_picked_vehicle() {
     assert_eq!((range.0.min.0, range.0.max.0), (at(100), at(130)));
 
     // With nobody picked there is a road and a text.
-    let mut unpicked = scene();
-    unpicked.picked = None;
-    let chunks = read(&encode(&unpicked).unwrap()).layout;
+    let chunks = read(&encode(&clip(), None).unwrap()).layout;
     let views = chunks.iter().filter(|chunk| chunk.entity_path().to_string().ends_with("/ViewContents")).count();
     assert_eq!(views, 2);
 }

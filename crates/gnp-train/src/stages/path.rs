@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use candle_core::{Device, Tensor, Var};
 use gnp_data::{Truth, Window};
-use gnp_model::{AugmentedView, Features, NeighbourFuture};
+use gnp_model::{AugmentedView, Features, NeighbourInput};
 use gnp_nn::Weights;
 use gnp_traj::{Phase, SocialForce};
 use rand::{Rng, SeedableRng};
@@ -90,8 +90,8 @@ impl<'a> PathStage<'a> {
     }
 
     /// The repulsion of `force`, whose attraction is trained. `neighbours` says where the
-    /// neighbours are: on recorded paths for [`NeighbourFuture::Oracle`], straight on for the other
-    /// two, because vehicles that react to each other need each other's forces, which are not
+    /// neighbours are: on recorded paths for [`NeighbourInput::Oracle`], at constant velocity for the
+    /// other two, because vehicles that react to each other need each other's forces, which are not
     /// trained yet.
     ///
     /// # Errors
@@ -101,11 +101,11 @@ impl<'a> PathStage<'a> {
         weights: &Weights,
         features: &'a Features,
         [train, validation]: [Windows<'a>; 2],
-        neighbours: NeighbourFuture,
+        neighbours: NeighbourInput,
         config: &'a PathTraining,
     ) -> Result<Self, TrainError> {
         config.check()?;
-        let (name, phase, uses_future) = ("repulsion", Phase::Repulsion, neighbours == NeighbourFuture::Oracle);
+        let (name, phase, uses_future) = ("repulsion", Phase::Repulsion, neighbours.uses_future());
         let weights = weights.clone();
         Ok(Self { name, phase, force, weights, features, train, validation, uses_future, config })
     }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use gnp_data::{Dataset, discover, schema};
+use gnp_data::{Dataset, discover, format_of, schema};
 
 use crate::error::Result;
 
@@ -12,7 +12,7 @@ use crate::error::Result;
 /// # Errors
 /// When the folder holds no recordings of that kind.
 pub fn describe(dataset: Dataset, data: Option<&Path>) -> Result<String> {
-    let mut text = schema::describe(dataset).trim_end().to_owned();
+    let mut text = schema::describe(format_of(dataset)?).trim_end().to_owned();
     let Some(dir) = data else { return Ok(text) };
     let sources = discover(dir, dataset)?;
     let _ = write!(text, "\n{} in {}:", counted(sources.len()), dir.display());

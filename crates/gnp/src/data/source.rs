@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use gnp_data::{Dataset, Source, discover};
+use gnp_data::{Dataset, Format, Source, discover, format_of};
 
 use crate::config::RunConfig;
 use crate::error::{Result, bail};
@@ -32,7 +32,7 @@ pub(crate) fn find(config: &RunConfig, data_dir: Option<&Path>) -> Result<Found>
         sources.truncate(config.data.max_recordings);
     }
     let simulated = sources.iter().any(|source| source.simulated);
-    let description = description(config.dataset, embedded, simulated, &dir);
+    let description = description(format_of(config.dataset)?, embedded, simulated, &dir);
     Ok(Found { data: DataState { dir, embedded, simulated, description }, sources })
 }
 
@@ -41,41 +41,27 @@ pub(crate) fn find(config: &RunConfig, data_dir: Option<&Path>) -> Result<Found>
 /// # Errors
 /// [`Error::Recordings`](crate::Error::Recordings) where this crate was built outside of the project.
 pub fn embedded_folder(dataset: Dataset) -> Result<PathBuf> {
-    let fixtures = Path::new("fixtures").join(dataset_name(dataset));
+    let fixtures = Path::new("fixtures").join(dataset.as_str());
     // Cargo says where the program that it runs comes from; compiled files outlive the checkout they were made in.
     let started = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
     let places = started.into_iter().chain([PathBuf::from(env!("CARGO_MANIFEST_DIR"))]);
     let found = places.flat_map(|place| place.ancestors().map(|above| above.join(&fixtures)).collect::<Vec<_>>());
     match found.into_iter().find(|folder| folder.is_dir()) {
         Some(folder) => Ok(folder),
-        None => bail!(
-            Recordings,
-            "no recordings of {} come with this program; give a folder of them",
-            dataset_name(dataset)
+        None => bail!(Recordings, "no recordings of {} come with this program; give a folder of them", dataset),
+    }
+}
+
+fn description(format: &dyn Format, embedded: bool, simulated: bool, dir: &Path) -> String {
+    let (title, of_sites) = (format.title(), format.sites().map_or_else(String::new, |sites| format!(" of {sites}")));
+    match (embedded, simulated) {
+        (true, false) => format!("real {title} scenes{of_sites} that come with the project"),
+        (true, true) => format!(
+            "*simulated* recordings in {title}'s file layout that come with the project; nothing measured on them is a \
+             result about {title}"
         ),
-    }
-}
-
-/// A kind of data as in file names and on the command line.
-#[must_use]
-pub fn dataset_name(dataset: Dataset) -> &'static str {
-    match dataset {
-        Dataset::Ngsim => "ngsim",
-        Dataset::HighD => "highd",
-    }
-}
-
-fn description(dataset: Dataset, embedded: bool, simulated: bool, dir: &Path) -> String {
-    match (dataset, embedded, simulated) {
-        (Dataset::Ngsim, true, false) => "real NGSIM scenes of US-101 and I-80 that come with the project".to_owned(),
-        (Dataset::HighD, true, true) => {
-            "*simulated* recordings in highD's file layout that come with the project; nothing measured on them is a \
-             result about highD"
-                .to_owned()
-        }
-        (_, _, true) => format!("*simulated* recordings in {}", dir.display()),
-        (Dataset::Ngsim, _, false) => format!("NGSIM recordings in {}", dir.display()),
-        (Dataset::HighD, _, false) => format!("highD recordings in {}", dir.display()),
+        (false, true) => format!("*simulated* recordings in {}", dir.display()),
+        (false, false) => format!("{title} recordings in {}", dir.display()),
     }
 }
 
@@ -85,10 +71,10 @@ mod tests {
 
     #[test]
     fn simulated_is_always_said() {
-        for dataset in [Dataset::Ngsim, Dataset::HighD] {
+        for format in gnp_data::FORMATS {
             for embedded in [true, false] {
-                assert!(description(dataset, embedded, true, Path::new("d")).contains("*simulated*"));
-                assert!(!description(dataset, embedded, false, Path::new("d")).contains("simulated"));
+                assert!(description(*format, embedded, true, Path::new("d")).contains("*simulated*"));
+                assert!(!description(*format, embedded, false, Path::new("d")).contains("simulated"));
             }
         }
     }

@@ -9,7 +9,7 @@ use gnp_eval::{Detail, EvalConfig, Predictions, Protocol, read_predictions};
 use super::systems::System;
 use super::{Material, Scores, evaluate, remarks};
 use crate::config::RunConfig;
-use crate::data::{dataset_name, ingest, source};
+use crate::data::{ingest, source};
 use crate::error::{Context as _, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
@@ -113,7 +113,7 @@ fn score(
 
 /// A file says of itself what data it is for; one that does not say is believed.
 fn same_data(predictions: &Predictions, dataset: Dataset, path: &Path) -> Result<()> {
-    let wanted = dataset_name(dataset);
+    let wanted = dataset.as_str();
     match predictions.provenance().get("dataset") {
         Some(found) if found != wanted => {
             bail!(Predictions, "{}: predictions for {found}, not for {wanted}; give --dataset {found}", path.display())

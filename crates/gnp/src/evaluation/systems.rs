@@ -3,7 +3,6 @@
 use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
 use gnp_data::{Forecast, Observation, OraclePredictor, PredictError, Predictor, Window};
 use gnp_eval::EvaluatedModel;
-use gnp_model::Gnp;
 
 /// A system under the name of its row.
 pub(crate) struct System {
@@ -25,21 +24,6 @@ impl System {
     /// A system that is handed recorded futures.
     pub(crate) fn oracle(name: impl Into<String>, model: impl OraclePredictor + 'static) -> Self {
         Self { name: name.into(), model: Model::Oracle(Box::new(model)) }
-    }
-
-    /// The goal network's own futures.
-    pub(crate) fn goal_head(gnp: Gnp) -> Self {
-        Self::predictor("goal head", GoalHead(gnp))
-    }
-
-    /// GNP that is handed its neighbours' recorded paths.
-    pub(crate) fn oracle_neighbours(name: impl Into<String>, gnp: Gnp) -> Self {
-        Self::oracle(name, OracleNeighbours(gnp))
-    }
-
-    /// GNP that is handed the recorded last position as its goal.
-    pub(crate) fn true_goal(name: impl Into<String>, gnp: Gnp) -> Self {
-        Self::oracle(name, TrueGoal(gnp))
     }
 
     /// Its row.
@@ -90,47 +74,8 @@ impl OraclePredictor for System {
     }
 }
 
-/// The goal network's own futures, whole.
-struct GoalHead(Gnp);
-
-impl Predictor for GoalHead {
-    fn name(&self) -> &str {
-        "goal head"
-    }
-
-    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        self.0.goal_head().predict(observations, k)
-    }
-}
-
-/// GNP that is handed its neighbours' paths, whole.
-struct OracleNeighbours(Gnp);
-
-impl OraclePredictor for OracleNeighbours {
-    fn name(&self) -> &str {
-        "gnp (oracle neighbours)"
-    }
-
-    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        self.0.oracle().predict_with_future(windows, k)
-    }
-}
-
-/// GNP that is handed its goal, whole.
-struct TrueGoal(Gnp);
-
-impl OraclePredictor for TrueGoal {
-    fn name(&self) -> &str {
-        "gnp (true goal)"
-    }
-
-    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        self.0.true_goal().predict_with_future(windows, k)
-    }
-}
-
 /// The predictors without a network, as they come.
-pub(super) fn rules() -> Vec<System> {
+pub(crate) fn rules() -> Vec<System> {
     fn named(rule: impl Predictor + 'static) -> System {
         System::predictor(rule.name().to_owned(), rule)
     }

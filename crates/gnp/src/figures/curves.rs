@@ -4,24 +4,18 @@ use crate::error::Result;
 use gnp_eval::{ALL_SITES, Protocol, Score, load_scores};
 use gnp_modes::ModeFrame;
 use gnp_plot::{
-    ChartPanel, Figure, GivenMode, Intentions, Scaling, Series, Source, charts, intentions, reliability as diagram,
+    ChartPanel, Figure, GivenMode, Intentions, Scaling, Series, charts, intentions, reliability as diagram,
     reliability_bins,
 };
 use gnp_train::History;
 
-use super::Material;
 use super::scenes::nearest;
+use super::{Material, source_of};
 use crate::run::Run;
 use crate::run::folder::Stage;
 
 /// Bins of the reliability diagram.
 const BINS: usize = 10;
-
-/// The run's own data, for figures that `--data-dir` does not change.
-fn own_source(run: &Run, part: &str) -> Source {
-    let data = &run.folder.state.data;
-    Source { words: format!("{}, {part} part", data.description), simulated: data.simulated }
-}
 
 pub(super) fn modes(material: &Material<'_>) -> Figure {
     let modes = material.gnp.modes();
@@ -33,7 +27,7 @@ pub(super) fn modes(material: &Material<'_>) -> Figure {
         deviation: modes.frame == ModeFrame::Deviation,
         seconds: shape.t_pred as f64 * shape.dt(),
     };
-    intentions(&drawn, &own_source(material.run, "training"))
+    intentions(&drawn, &source_of(&material.run.folder.state.data, "training"))
 }
 
 /// Top-1 and best of 6 of every model under the clean protocol.
@@ -67,7 +61,13 @@ pub(super) fn error_by_horizon(run: &Run) -> Result<Figure> {
         "Error against horizon of every model on the same windows of {sites}, protocol clean; bands are 95 % \
          intervals from a bootstrap over vehicles."
     );
-    Ok(charts("error-by-horizon", "Error against horizon", &caption, &panels, &own_source(run, "test")))
+    Ok(charts(
+        "error-by-horizon",
+        "Error against horizon",
+        &caption,
+        &panels,
+        &source_of(&run.folder.state.data, run.config.evaluate.subset.name()),
+    ))
 }
 
 /// Curves in the order in which models first appear.
@@ -122,7 +122,13 @@ pub(super) fn learning(run: &Run) -> Result<Figure> {
             ],
         });
     }
-    let caption = "Learning curves of the three trainings: loss over the training part while it changes, and the \
+    let caption = "Learning curves of the three trainings: loss over the training subset while it changes, and the \
                    validation score that chooses the best epoch.";
-    Ok(charts("learning", "Learning curves", caption, &panels, &own_source(run, "training and validation")))
+    Ok(charts(
+        "learning",
+        "Learning curves",
+        caption,
+        &panels,
+        &source_of(&run.folder.state.data, "training and validation"),
+    ))
 }

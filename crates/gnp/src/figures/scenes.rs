@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use crate::error::Result;
 use gnp_data::{Forecast, Predictor as _, Window};
 use gnp_plot::{
-    Case, Figure, Manoeuvre, Potential, Scene, SceneRule, cases, find_scene, force_scenes, manoeuvre, potential_field,
-    quantiles,
+    Case, Figure, LateralManoeuvre, Potential, Scene, SceneRule, cases, find_scene, force_scenes, lateral_manoeuvre,
+    potential_field, quantiles,
 };
 
 use super::Material;
@@ -62,9 +62,9 @@ fn explained(material: &Material<'_>, window: &Window<'_>, what: &str) -> Result
 /// Two windows of each manoeuvre, a third and two thirds up the ranking by the best future's error.
 fn six_cases(material: &Material<'_>) -> Result<Option<Figure>> {
     let mut found = Vec::new();
-    for kind in [Manoeuvre::Straight, Manoeuvre::Left, Manoeuvre::Right] {
+    for kind in [LateralManoeuvre::Straight, LateralManoeuvre::Left, LateralManoeuvre::Right] {
         let of_kind: Vec<usize> =
-            (0..material.windows.len()).filter(|i| manoeuvre(&material.windows[*i]) == Some(kind)).collect();
+            (0..material.windows.len()).filter(|i| lateral_manoeuvre(&material.windows[*i]) == Some(kind)).collect();
         let ranked: Vec<_> = of_kind
             .iter()
             .map(|i| {
@@ -99,7 +99,7 @@ fn field(material: &Material<'_>) -> Result<Option<Figure>> {
     };
     let window = &material.windows[found];
     let scene = explained(material, window, rule.name())?;
-    let slots = window.observation().neighbours().map(|slot| slot.map(|n| [n.now().x, n.now().y]));
+    let slots = window.observation().neighbours().map(|slot| slot.map(|n| [n.now().x, n.now().y])).0;
     let potential = Potential::of(&scene, &slots, material.run.config.traj.r_col);
     Ok(potential.map(|potential| potential_field(&scene, &potential, &material.source)))
 }

@@ -231,7 +231,7 @@ mod tests {
 
     fn score(model: &str, quantity: Quantity, horizon_s: f64, value: f64) -> Score {
         Score {
-            dataset: Dataset::Ngsim,
+            dataset: Dataset::NGSIM,
             site: "us-101".to_owned(),
             manoeuvre: None,
             model: model.to_owned(),
@@ -269,7 +269,7 @@ mod tests {
 
     fn difference(quantity: Quantity, b: &str) -> Comparison {
         Comparison {
-            dataset: Dataset::Ngsim,
+            dataset: Dataset::NGSIM,
             site: "us-101".to_owned(),
             protocol: quantity.protocol,
             metric: quantity.metric.to_owned(),

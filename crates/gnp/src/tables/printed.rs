@@ -85,16 +85,17 @@ const ABLATION: [Printed; 4] = [
 /// The printed Table 1 of a data family.
 pub(crate) fn table1(dataset: Dataset) -> &'static [Printed] {
     match dataset {
-        Dataset::Ngsim => &NGSIM,
-        Dataset::HighD => &HIGHD,
+        Dataset::NGSIM => &NGSIM,
+        Dataset::HIGHD => &HIGHD,
+        _ => &[],
     }
 }
 
 /// The printed Table 2, which exists for highD alone.
 pub(crate) fn table2(dataset: Dataset) -> &'static [Printed] {
     match dataset {
-        Dataset::Ngsim => &[],
-        Dataset::HighD => &ABLATION,
+        Dataset::HIGHD => &ABLATION,
+        _ => &[],
     }
 }
 
@@ -145,7 +146,7 @@ mod tests {
 
     #[test]
     fn every_printed_row_is_complete_and_marked() {
-        for dataset in [Dataset::Ngsim, Dataset::HighD] {
+        for dataset in [Dataset::NGSIM, Dataset::HIGHD] {
             for row in table1(dataset).iter().chain(table2(dataset)) {
                 let wanted = if row.quantity == BestOf20 { 3 } else { 1 };
                 assert!(row.values.iter().all(|values| values.len() == wanted), "{}", row.system);
@@ -154,9 +155,9 @@ mod tests {
             let text = markdown(table1(dataset));
             assert_eq!(text.matches(MARK).count(), 4, "{text}");
         }
-        assert_eq!(markdown(table2(Dataset::Ngsim)), "");
-        assert_eq!(csv(table1(Dataset::Ngsim)).lines().count(), 4 * 5 + 3 * 5);
-        let ablation = csv(table2(Dataset::HighD));
+        assert_eq!(markdown(table2(Dataset::NGSIM)), "");
+        assert_eq!(csv(table1(Dataset::NGSIM)).lines().count(), 4 * 5 + 3 * 5);
+        let ablation = csv(table2(Dataset::HIGHD));
         assert!(ablation.contains("paper printed (not re-run),\"no modes\",FDE 5 s,4.02,,\n"), "{ablation}");
     }
 

@@ -164,8 +164,8 @@ impl Variant {
         let gnp = gnp.selecting(config.predict.selection);
         Ok(match self.input {
             Input::Past(_) => System::predictor(self.name, gnp),
-            Input::Neighbours => System::oracle_neighbours(self.name, gnp),
-            Input::Goal => System::true_goal(self.name, gnp),
+            Input::Neighbours => System::oracle(self.name, gnp.oracle()),
+            Input::Goal => System::oracle(self.name, gnp.true_goal()),
         })
     }
 }

@@ -10,7 +10,7 @@ const HEAD: usize = 1 << 14;
 
 /// What separates fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Separator {
+pub(in crate::formats) enum Separator {
     /// A comma.
     Comma,
     /// A run of blanks or tabs.
@@ -23,21 +23,21 @@ const SEPARATORS: [Separator; 4] = [Separator::Comma, Separator::Blank, Separato
 
 /// The first line of a table, split in every way that could make sense.
 #[derive(Clone, Debug)]
-pub(super) struct Head {
+pub(in crate::formats) struct Head {
     line: String,
 }
 
 /// Columns as the first line gives them.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Header {
-    pub(super) separator: Separator,
+pub(in crate::formats) struct Header {
+    pub(in crate::formats) separator: Separator,
     /// Names in lower case.
-    pub(super) names: Vec<String>,
+    pub(in crate::formats) names: Vec<String>,
 }
 
 impl Head {
     /// First line with anything in it; `None` for a file without one, or with bytes that are not text.
-    pub(super) fn read(file: &Path) -> Result<Option<Self>, DataError> {
+    pub(in crate::formats) fn read(file: &Path) -> Result<Option<Self>, DataError> {
         let mut bytes = Vec::new();
         Text::open(file)?.fill(&mut bytes, HEAD)?;
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
@@ -46,7 +46,7 @@ impl Head {
     }
 
     /// Names of the columns under the separator that finds most of `known`, and how many it finds.
-    pub(super) fn header(&self, known: &[&str]) -> (Header, usize) {
+    pub(in crate::formats) fn header(&self, known: &[&str]) -> (Header, usize) {
         let found = |separator: Separator| {
             let names = split(&self.line, separator).map(str::to_ascii_lowercase).collect::<Vec<_>>();
             let hits = known.iter().filter(|name| names.iter().any(|have| have.eq_ignore_ascii_case(name))).count();
@@ -63,7 +63,7 @@ impl Head {
     }
 
     /// Separator and number of fields, if the first line is numbers only.
-    pub(super) fn numbers(&self) -> Option<(Separator, usize)> {
+    pub(in crate::formats) fn numbers(&self) -> Option<(Separator, usize)> {
         SEPARATORS.into_iter().find_map(|separator| {
             let fields: Vec<&str> = split(&self.line, separator).collect();
             let numbers = fields.iter().all(|field| field.replace(',', "").parse::<f64>().is_ok());
@@ -73,7 +73,7 @@ impl Head {
 }
 
 /// Fields of a line, without quotes and blanks around them.
-pub(super) fn split(line: &str, separator: Separator) -> impl Iterator<Item = &str> {
+pub(in crate::formats) fn split(line: &str, separator: Separator) -> impl Iterator<Item = &str> {
     let mut rest = Some(line.trim());
     std::iter::from_fn(move || {
         let line = rest?;

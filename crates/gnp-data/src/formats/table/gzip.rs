@@ -11,14 +11,14 @@ use crate::error::DataError;
 const BLOCK: usize = 32 << 20;
 
 /// The bytes of a file, decompressed where its first two bytes say gzip.
-pub(super) struct Text {
+pub(in crate::formats) struct Text {
     file: PathBuf,
     inner: Box<dyn Read + Send>,
     gzip: bool,
 }
 
 impl Text {
-    pub(super) fn open(file: &Path) -> Result<Self, DataError> {
+    pub(in crate::formats) fn open(file: &Path) -> Result<Self, DataError> {
         let io = |source| DataError::Io { file: file.into(), source };
         let mut magic = Vec::with_capacity(2);
         File::open(file).and_then(|plain| plain.take(2).read_to_end(&mut magic)).map_err(io)?;
@@ -33,7 +33,7 @@ impl Text {
     }
 
     /// Appends up to `bytes` bytes to `buffer`; fewer only at the end of the text.
-    pub(super) fn fill(&mut self, buffer: &mut Vec<u8>, bytes: usize) -> Result<usize, DataError> {
+    pub(in crate::formats) fn fill(&mut self, buffer: &mut Vec<u8>, bytes: usize) -> Result<usize, DataError> {
         match (&mut self.inner).take(bytes as u64).read_to_end(buffer) {
             Ok(read) => Ok(read),
             Err(e) if self.gzip => Err(DataError::Gzip { file: self.file.clone(), reason: e.to_string() }),
@@ -43,15 +43,15 @@ impl Text {
 }
 
 /// Whole lines of a text.
-pub(super) struct Block {
+pub(in crate::formats) struct Block {
     /// Lines, each ended by a newline but perhaps the last of the file.
-    pub(super) bytes: Vec<u8>,
+    pub(in crate::formats) bytes: Vec<u8>,
     /// Number of the first line, the first of the file being 1.
-    pub(super) line: u64,
+    pub(in crate::formats) line: u64,
 }
 
 /// The blocks of a text, in order.
-pub(super) struct Blocks {
+pub(in crate::formats) struct Blocks {
     text: Text,
     /// Start of a line whose end is not read yet.
     carry: Vec<u8>,
@@ -60,11 +60,11 @@ pub(super) struct Blocks {
 }
 
 impl Blocks {
-    pub(super) fn open(file: &Path) -> Result<Self, DataError> {
+    pub(in crate::formats) fn open(file: &Path) -> Result<Self, DataError> {
         Ok(Self { text: Text::open(file)?, carry: Vec::new(), line: 1, ended: false })
     }
 
-    pub(super) fn next(&mut self) -> Result<Option<Block>, DataError> {
+    pub(in crate::formats) fn next(&mut self) -> Result<Option<Block>, DataError> {
         if self.ended {
             return Ok(None);
         }

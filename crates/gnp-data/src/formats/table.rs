@@ -1,5 +1,5 @@
 //! Columns of a text table. polars reads at full speed and knows what kinds of columns are due;
-//! whatever it rejects goes through [`super::diagnosis`], which repairs what may be repaired and
+//! whatever it rejects goes through [`diagnosis`], which repairs what may be repaired and
 //! otherwise finds the line.
 
 use std::io::Cursor;
@@ -8,10 +8,14 @@ use std::sync::Arc;
 
 use polars::prelude::{CsvReadOptions, DataFrame, DataType, PlSmallStr, PolarsResult, Schema, SerReader as _};
 
-use super::diagnosis;
-use super::gzip::{Block, Blocks};
-use super::sniff::{Header, Separator};
+use self::gzip::{Block, Blocks};
+use self::sniff::{Header, Separator};
 use crate::error::DataError;
+
+mod checks;
+mod diagnosis;
+mod gzip;
+pub(super) mod sniff;
 
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,12 +2,12 @@
 
 use super::gzip::Block;
 use super::sniff::{Separator, split};
-use super::table::{Kind, Table, Wanted, whole};
+use super::{Kind, Table, Wanted, whole};
 use crate::error::DataError;
 
 /// The block as plain comma-separated lines: no blank lines, one comma for a run of blanks in a
 /// blank-separated text, no quotes, no thousands separators between quotes.
-pub(super) fn tidy(bytes: &[u8], separator: Separator) -> Vec<u8> {
+pub(in crate::formats) fn tidy(bytes: &[u8], separator: Separator) -> Vec<u8> {
     let mut tidy = Vec::with_capacity(bytes.len());
     for line in bytes.split(|b| *b == b'\n') {
         let line = line.trim_ascii();
@@ -42,7 +42,7 @@ pub(super) fn tidy(bytes: &[u8], separator: Separator) -> Vec<u8> {
 }
 
 /// The first thing wrong in a block that could not be read.
-pub(super) fn first_fault(table: &Table, block: &Block, wanted: &[Wanted]) -> DataError {
+pub(in crate::formats) fn first_fault(table: &Table, block: &Block, wanted: &[Wanted]) -> DataError {
     for (i, bytes) in block.bytes.split(|b| *b == b'\n').enumerate() {
         let line = block.line + i as u64;
         let Ok(text) = std::str::from_utf8(bytes) else {

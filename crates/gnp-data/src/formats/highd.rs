@@ -5,30 +5,120 @@
 //! by pi: left stays left. So carriageway 1 has x' = -x, y' = y and carriageway 2 has x' = x,
 //! y' = -y; velocities and lane markings go the same way.
 
-use std::path::Path;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 use gnp_force::MarkingKind;
 
 use super::periods::{Picked, out_of_order};
-use super::sniff::{Head, Separator};
+use super::table::sniff::{Head, Separator};
 use super::table::{Kind, Table, Values, Wanted};
-use super::{Expectation, Source, check_rate};
-use crate::assemble::{Body, Rows, assemble};
+use crate::assemble::{NeighbourSource, Rows, VehicleBody};
+use crate::dataset::Dataset;
+use crate::discover::FoundFiles;
 use crate::error::DataError;
+use crate::format::{Format, Source, check_rate};
 use crate::ingest_report::IngestReport;
 use crate::lanes::MAX_LANE_WIDTH;
-use crate::recording::{Dataset, LaneMarking, Recording, RecordingMeta, Road, SLOTS, VehicleClass};
+use crate::recording::{LaneMarking, Recording, RecordingMeta, Road, VehicleClass};
+use crate::schema::{Column, Schema, TableSchema};
+use crate::slot::SLOTS;
+
+/// The format.
+pub(super) struct HighD;
+
+/// Columns of `NN_tracks.csv` that are described.
+const TRACKS_READ: [Column; 17] = [
+    Column::new("frame", "1/frameRate s", "frame"),
+    Column::new("id", "-", "vehicle"),
+    Column::new("x", "m", "upper-left corner of the box, to the right in the image"),
+    Column::new("y", "m", "upper-left corner of the box, downwards in the image"),
+    Column::new("width", "m", "extent along x: the vehicle's length"),
+    Column::new("height", "m", "extent along y: the vehicle's width"),
+    Column::new("xVelocity", "m/s", "velocity along x"),
+    Column::new("yVelocity", "m/s", "velocity along y, downwards"),
+    Column::new("precedingId", "-", "vehicle ahead in the lane; 0 or -1 none"),
+    Column::new("followingId", "-", "vehicle behind in the lane"),
+    Column::new("leftPrecedingId", "-", "vehicle ahead in the lane to the left of travel"),
+    Column::new("leftAlongsideId", "-", "vehicle beside in the lane to the left"),
+    Column::new("leftFollowingId", "-", "vehicle behind in the lane to the left"),
+    Column::new("rightPrecedingId", "-", "vehicle ahead in the lane to the right of travel"),
+    Column::new("rightAlongsideId", "-", "vehicle beside in the lane to the right"),
+    Column::new("rightFollowingId", "-", "vehicle behind in the lane to the right"),
+    Column::new("laneId", "-", "lane"),
+];
+
+/// Columns of `NN_tracksMeta.csv` that are described.
+const TRACKS_META_READ: [Column; 5] = [
+    Column::new("id", "-", "vehicle"),
+    Column::new("width", "m", "length of the vehicle"),
+    Column::new("height", "m", "width of the vehicle"),
+    Column::new("class", "-", "Car, Van, Truck, Bus, Motorcycle"),
+    Column::new("drivingDirection", "-", "1 upper carriageway, towards smaller x; 2 lower"),
+];
+
+/// Columns of `NN_recordingMeta.csv` that are described.
+const RECORDING_META_READ: [Column; 4] = [
+    Column::new("frameRate", "Hz", "frames per second"),
+    Column::new("locationId", "-", "site"),
+    Column::new("upperLaneMarkings", "m", "y of every marking of carriageway 1, `a;b;c`; the outer two are boundaries"),
+    Column::new("lowerLaneMarkings", "m", "y of every marking of carriageway 2"),
+];
+
+impl Format for HighD {
+    fn dataset(&self) -> Dataset {
+        Dataset::HIGHD
+    }
+
+    fn title(&self) -> &str {
+        "highD"
+    }
+
+    fn rate_hz(&self) -> f64 {
+        25.
+    }
+
+    fn files(&self) -> &str {
+        "highD's NN_tracks.csv, NN_tracksMeta.csv and NN_recordingMeta.csv, plain or .gz"
+    }
+
+    fn schema(&self) -> Schema {
+        Schema::new(
+            "highD: three tables a recording, plain or .gz, beside one another. Rate: frameRate, 25 in the original.\n",
+            vec![
+                TableSchema::new("Columns read of NN_tracks.csv", &TRACKS_READ),
+                TableSchema::new("Columns read of NN_tracksMeta.csv", &TRACKS_META_READ),
+                TableSchema::new("Columns read of NN_recordingMeta.csv", &RECORDING_META_READ),
+            ],
+            "The corner becomes the centre, y is flipped, and carriageway 1 is rotated by pi: its x' = -x, y' = y;\n\
+             carriageway 2 has x' = x, y' = -y. Left stays left, velocities and markings turn with the positions.\n",
+        )
+    }
+
+    fn recognise(&self, file: &Path) -> Result<bool, DataError> {
+        Ok(Head::read(file)?.map(|head| recognise(file, &head)).transpose()?.flatten().is_some())
+    }
+
+    fn sources(&self, found: &FoundFiles) -> Result<Vec<Source>, DataError> {
+        sources(found)
+    }
+
+    fn read(&self, source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
+        read(source, rate_hz)
+    }
+}
 
 /// Which of the three files of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum TableKind {
+enum TableKind {
     Tracks,
     TracksMeta,
     RecordingMeta,
 }
 
 /// Columns that are read of `NN_tracks.csv`.
-pub(super) const TRACKS: [&str; 17] = [
+const TRACKS: [&str; 17] = [
     "frame",
     "id",
     "x",
@@ -49,7 +139,7 @@ pub(super) const TRACKS: [&str; 17] = [
 ];
 
 /// Columns that are read of `NN_tracksMeta.csv`.
-pub(super) const TRACKS_META: [&str; 5] = ["id", "width", "height", "class", "drivingDirection"];
+const TRACKS_META: [&str; 5] = ["id", "width", "height", "class", "drivingDirection"];
 
 /// Columns from which `NN_tracksMeta.csv` is recognised, should one of [`TRACKS_META`] be missing.
 const TRACKS_META_KNOWN: [&str; 8] = [
@@ -64,13 +154,13 @@ const TRACKS_META_KNOWN: [&str; 8] = [
 ];
 
 /// Columns that are read of `NN_recordingMeta.csv`.
-pub(super) const RECORDING_META: [&str; 4] = ["frameRate", "locationId", "upperLaneMarkings", "lowerLaneMarkings"];
+const RECORDING_META: [&str; 4] = ["frameRate", "locationId", "upperLaneMarkings", "lowerLaneMarkings"];
 
 /// No vehicle is faster, m/s.
 const MAX_SPEED: f32 = 70.;
 
 /// The part a file is, with its table.
-pub(super) fn recognise(file: &Path, head: &Head) -> Result<Option<(TableKind, Table)>, DataError> {
+fn recognise(file: &Path, head: &Head) -> Result<Option<(TableKind, Table)>, DataError> {
     let parts: [(TableKind, &[&str], &[&str], usize); 3] = [
         (TableKind::RecordingMeta, &RECORDING_META, &RECORDING_META, 2),
         (TableKind::TracksMeta, &TRACKS_META_KNOWN, &TRACKS_META, 4),
@@ -98,8 +188,64 @@ pub(super) fn recognise(file: &Path, head: &Head) -> Result<Option<(TableKind, T
     Ok(None)
 }
 
+/// Recordings put together of their three files by what the names have in common up to the last `_`.
+fn sources(found: &FoundFiles) -> Result<Vec<Source>, DataError> {
+    #[derive(Default)]
+    struct Group {
+        parts: BTreeMap<TableKind, PathBuf>,
+        simulated: bool,
+        notes: Vec<String>,
+    }
+    let mut groups: BTreeMap<String, Group> = BTreeMap::new();
+    let mut wanted: BTreeSet<String> = BTreeSet::new();
+    for file in found.files() {
+        let (stem, path, asked) = (file.stem(), &file.path, file.asked);
+        let name = found.name(file, stem.rsplit_once('_').map_or(stem.as_str(), |(name, _)| name));
+        // Beside a single file that is asked for, other recordings do not matter.
+        let head = match Head::read(path) {
+            Ok(Some(head)) => head,
+            Ok(None) if asked => return Err(DataError::Empty { file: path.clone() }),
+            Err(e) if asked => return Err(e),
+            _ => continue,
+        };
+        let part = match recognise(path, &head) {
+            Ok(Some((part, _))) => part,
+            Err(e) if asked => return Err(e),
+            _ => continue,
+        };
+        let group = groups.entry(name.clone()).or_default();
+        group.simulated |= file.simulated;
+        match group.parts.entry(part) {
+            Entry::Vacant(place) => drop(place.insert(path.clone())),
+            Entry::Occupied(_) => group.notes.push(format!("{} is there twice and was not read", path.display())),
+        }
+        if asked {
+            wanted.insert(name);
+        }
+    }
+    let mut sources = Vec::new();
+    for (name, group) in groups.into_iter().filter(|(name, _)| wanted.contains(name)) {
+        let partners = [
+            (TableKind::Tracks, "tracks"),
+            (TableKind::TracksMeta, "tracksMeta"),
+            (TableKind::RecordingMeta, "recordingMeta"),
+        ];
+        for (part, partner) in partners {
+            if !group.parts.contains_key(&part) {
+                let file = group.parts.into_values().next().unwrap_or_default();
+                return Err(DataError::MissingPartner { file, partner });
+            }
+        }
+        let mut source = Source::new(Dataset::HIGHD, name, group.parts.into_values().collect());
+        source.simulated = group.simulated;
+        source.notes = group.notes;
+        sources.push(source);
+    }
+    Ok(sources)
+}
+
 /// The recording of a source.
-pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, IngestReport)>, DataError> {
+fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     let mut tables = [None, None, None];
     for file in &source.files {
         let head = Head::read(file)?.ok_or_else(|| DataError::Empty { file: file.clone() })?;
@@ -112,17 +258,12 @@ pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recordi
         return Err(DataError::MissingPartner { file, partner: "tracks, tracksMeta or recordingMeta" });
     };
     let stated = read_recording_meta(&recording_meta)?;
-    check_rate(&recording_meta.file, &source.name, stated.rate_hz, expect.rate_hz)?;
+    check_rate(&recording_meta.file, &source.name, stated.rate_hz, rate_hz)?;
     let bodies = read_bodies(&tracks_meta)?;
-    let meta = RecordingMeta {
-        dataset: Dataset::HighD,
-        site: stated.site,
-        name: source.name.clone(),
-        rate_hz: stated.rate_hz,
-        simulated: source.simulated,
-    };
+    let meta = RecordingMeta::new(Dataset::HIGHD, stated.site, source.name.clone(), stated.rate_hz)
+        .with_simulated(source.simulated);
     let (rows, bodies) = read_tracks(&tracks, &tracks_meta, bodies)?;
-    let (recording, mut quality) = assemble(meta, stated.roads, rows, |row| bodies[row])?;
+    let (recording, mut quality) = Recording::from_rows(meta, stated.roads, rows, |row| bodies[row])?;
     quality.notes.extend(source.notes.iter().cloned());
     Ok(vec![(recording, quality)])
 }
@@ -192,7 +333,7 @@ fn markings(table: &Table, column: &str, text: &str, driving_direction: u8) -> R
 }
 
 /// Vehicles with their bodies, sorted by vehicle.
-fn read_bodies(table: &Table) -> Result<Vec<(u32, Body)>, DataError> {
+fn read_bodies(table: &Table) -> Result<Vec<(u32, VehicleBody)>, DataError> {
     let id = table.want("id", Kind::Whole)?;
     let width = table.want("width", Kind::Real)?;
     let height = table.want("height", Kind::Real)?;
@@ -225,14 +366,18 @@ fn read_bodies(table: &Table) -> Result<Vec<(u32, Body)>, DataError> {
             2 => 1,
             other => return Err(table.bad_value(row, direction, other, "is neither 1 nor 2; repair it")),
         };
-        bodies.push((vehicle, Body { class: kind, length: lengths[row], width: widths[row], road }));
+        bodies.push((vehicle, VehicleBody { class: kind, length: lengths[row], width: widths[row], road }));
     }
     bodies.sort_by_key(|(vehicle, _)| *vehicle);
     Ok(bodies)
 }
 
 /// Rows in the road frame, and the body of every row.
-fn read_tracks(table: &Table, meta: &Table, bodies: Vec<(u32, Body)>) -> Result<(Rows, Vec<Body>), DataError> {
+fn read_tracks(
+    table: &Table,
+    meta: &Table,
+    bodies: Vec<(u32, VehicleBody)>,
+) -> Result<(Rows, Vec<VehicleBody>), DataError> {
     let kind = |name: &str| match name {
         "x" | "y" | "width" | "height" | "xVelocity" | "yVelocity" => Kind::Real,
         _ => Kind::Whole,
@@ -275,7 +420,8 @@ fn read_tracks(table: &Table, meta: &Table, bodies: Vec<(u32, Body)>) -> Result<
             vy[row] = -vy[row];
         }
     }
-    let rows = Rows { vehicle, frame, x, y, velocity: Some([vx, vy]), lane, neighbours: Some(neighbours) };
+    let neighbours = NeighbourSource::Named(Box::new(neighbours));
+    let rows = Rows { velocity: Some([vx, vy]), lane, neighbours, ..Rows::new(vehicle, frame, x, y) };
     Ok((rows, body_of_row))
 }
 
@@ -283,9 +429,9 @@ fn bodies_of_rows(
     table: &Table,
     meta: &Table,
     vehicle: &[u32],
-    bodies: &[(u32, Body)],
-) -> Result<Vec<Body>, DataError> {
-    let mut of_rows: Vec<Body> = Vec::with_capacity(vehicle.len());
+    bodies: &[(u32, VehicleBody)],
+) -> Result<Vec<VehicleBody>, DataError> {
+    let mut of_rows: Vec<VehicleBody> = Vec::with_capacity(vehicle.len());
     for (row, id) in vehicle.iter().enumerate() {
         if row > 0 && vehicle[row - 1] == *id {
             of_rows.push(of_rows[row - 1]);
@@ -303,4 +449,19 @@ fn bodies_of_rows(
         of_rows.push(bodies[place].1);
     }
     Ok(of_rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn describes_every_column_that_is_read() {
+        let described = |read: &[&str], columns: &[Column]| {
+            read.iter().all(|name| columns.iter().any(|column| column.name == *name))
+        };
+        assert!(described(&TRACKS, &TRACKS_READ));
+        assert!(described(&TRACKS_META, &TRACKS_META_READ));
+        assert!(described(&RECORDING_META, &RECORDING_META_READ));
+    }
 }

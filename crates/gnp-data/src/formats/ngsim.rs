@@ -8,14 +8,89 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::periods::{Group, Moments, Sites, out_of_order, separate};
-use super::sniff::{Head, Header, Separator};
+use super::table::sniff::{Head, Header, Separator};
 use super::table::{Kind, Table, Wanted};
-use super::{Expectation, Source, check_rate};
-use crate::assemble::{Body, Rows, assemble};
+use crate::assemble::{NeighbourSource, Rows, VehicleBody};
+use crate::dataset::Dataset;
 use crate::error::DataError;
+use crate::format::{Format, Source, check_rate};
 use crate::ingest_report::IngestReport;
 use crate::lanes::{self, MAX_LANE_WIDTH};
-use crate::recording::{Dataset, Recording, RecordingMeta, Road, VehicleClass};
+use crate::recording::{Recording, RecordingMeta, Road, VehicleClass};
+use crate::schema::{Column, Schema, TableSchema};
+
+/// The format.
+pub(super) struct Ngsim;
+
+/// Columns that are described.
+const READ: [Column; 11] = [
+    Column::new("Vehicle_ID", "-", "vehicle; begins again in every period, and may return after a gap"),
+    Column::new("Frame_ID", "0.1 s", "frame; begins again in every period"),
+    Column::new("Global_Time", "ms", "time; tells periods and the rate"),
+    Column::new("Local_X", "ft", "front centre, from the left edge of the road to the right"),
+    Column::new("Local_Y", "ft", "front centre, along the road"),
+    Column::new("v_Length", "ft", "length of the vehicle"),
+    Column::new("v_Width", "ft", "width of the vehicle"),
+    Column::new("v_Class", "-", "1 motorcycle, 2 car, 3 truck"),
+    Column::new("v_Vel", "ft/s", "speed, a scalar: checked, then left; velocities come from positions"),
+    Column::new("Lane_ID", "-", "lane, 1 leftmost; 7 and 8 are ramps; 0 unknown"),
+    Column::new(
+        "Location",
+        "-",
+        "site, where the file has it: us-101 and i-80 are read, streets are counted and skipped",
+    ),
+];
+
+impl Format for Ngsim {
+    fn dataset(&self) -> Dataset {
+        Dataset::NGSIM
+    }
+
+    fn title(&self) -> &str {
+        "NGSIM"
+    }
+
+    fn sites(&self) -> Option<&str> {
+        Some("US-101 and I-80")
+    }
+
+    fn rate_hz(&self) -> f64 {
+        RATE
+    }
+
+    fn files(&self) -> &str {
+        "NGSIM tables (.csv or .txt, plain or .gz) of 18 or 25 columns"
+    }
+
+    fn schema(&self) -> Schema {
+        Schema::new(
+            "NGSIM: one table a period and site, .csv or .txt, plain or .gz, 18 columns separated by commas or\n\
+             blanks, with or without a header; with `Location` as well; or the merged export of 25 columns.\n\
+             Rate: 10 frames per second, measured from Global_Time.\n",
+            vec![TableSchema::new("Columns read", &READ)],
+            "feet become metres; the front centre becomes the centre, half a length back; x = Local_Y,\n\
+             y = -Local_X. The data has no markings: lane lines are fitted midway between the lanes' median\n\
+             positions, with edges 3.66 m beyond the outermost. Neighbours come from Lane_ID and x.\n",
+        )
+    }
+
+    fn recognise(&self, file: &Path) -> Result<bool, DataError> {
+        let head = Head::read(file)?.ok_or_else(|| DataError::Empty { file: file.into() })?;
+        Ok(recognise(file, &head)?.is_some())
+    }
+
+    fn site(&self, file: &Path) -> Option<String> {
+        site_of(file)
+    }
+
+    fn read(&self, source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
+        read(source, rate_hz)
+    }
+}
+
+/// Lane numbers from here on are ramps, which all lie to the right of the lane before, at different
+/// places along the road.
+const RAMP: i16 = 7;
 
 /// The columns of a period's file, which has no header in the official text form.
 const COLUMNS: [&str; 18] = [
@@ -40,7 +115,7 @@ const COLUMNS: [&str; 18] = [
 ];
 
 /// Columns from which a header is recognised: those that are read.
-pub(super) const KNOWN: [&str; 10] = [
+const KNOWN: [&str; 10] = [
     "Vehicle_ID",
     "Frame_ID",
     "Global_Time",
@@ -69,14 +144,14 @@ const MAX_SPEED: f32 = 70.;
 const MIN_LENGTH: f32 = 2.5;
 const MIN_LANE_WIDTH: f32 = 2.;
 
-/// Share of rows that may move faster than [`MAX_SPEED`]: single rows do by noise.
-const FAST_SHARE: f64 = 0.01;
+/// Fraction of rows that may move faster than [`MAX_SPEED`]: single rows do by noise.
+const FAST_FRACTION: f64 = 0.01;
 
 /// Sites that are motorways. Lankershim and Peachtree are streets with junctions.
 const SITES: [&str; 2] = ["us-101", "i-80"];
 
 /// The table, if the file is one of NGSIM's.
-pub(super) fn recognise(file: &Path, head: &Head) -> Result<Option<Table>, DataError> {
+fn recognise(file: &Path, head: &Head) -> Result<Option<Table>, DataError> {
     let (header, hits) = head.header(&KNOWN);
     if hits > KNOWN.len() / 2 {
         if let Separator::Other(found) = header.separator {
@@ -101,7 +176,7 @@ pub(super) fn recognise(file: &Path, head: &Head) -> Result<Option<Table>, DataE
 
 /// Site that the name of a file, or of the nearest folder above it, tells, as the official downloads
 /// are named.
-pub(super) fn site_of(file: &Path) -> Option<String> {
+fn site_of(file: &Path) -> Option<String> {
     file.components().rev().find_map(|part| {
         let name = part.as_os_str().to_string_lossy().to_ascii_lowercase();
         let any = |hints: &[&str]| hints.iter().any(|hint| name.contains(hint));
@@ -133,14 +208,10 @@ struct Raw {
 }
 
 /// Recordings of a file: one for each site and period.
-pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, IngestReport)>, DataError> {
-    let file = source.files.first().ok_or_else(|| DataError::NoRecordings {
-        folder: source.name.clone().into(),
-        expected: "a table of NGSIM",
-        seen: "a source without files".into(),
-    })?;
+fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
+    let file = source.file()?;
     let table = Head::read(file)?.map(|head| recognise(file, &head)).transpose()?.flatten();
-    let table = table.ok_or_else(|| DataError::Empty { file: file.clone() })?;
+    let table = table.ok_or_else(|| DataError::Empty { file: file.into() })?;
     let merged = MERGED.iter().any(|column| table.find(&[column]).is_some());
     let raw = read_rows(&table)?;
     let (sites, mut skipped) = sites_of(&raw, source);
@@ -148,8 +219,8 @@ pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recordi
     let groups = separate(&moments, &sites);
     if groups.is_empty() {
         return Err(DataError::NoRecordings {
-            folder: file.clone(),
-            expected: "rows of us-101 or i-80",
+            folder: file.into(),
+            expected: "rows of us-101 or i-80".into(),
             seen: format!("only {}", skipped.keys().cloned().collect::<Vec<_>>().join(", ")),
         });
     }
@@ -160,7 +231,7 @@ pub(super) fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recordi
             (_, false) => source.name.clone(),
             (site, true) => format!("{}-{site}-{}", source.name, group.period),
         };
-        let (recording, mut quality) = build(&table, &raw, group, name, source, expect, merged)?;
+        let (recording, mut quality) = build(&table, &raw, group, name, source, rate_hz, merged)?;
         quality.skipped_rows = std::mem::take(&mut skipped);
         quality.notes.extend(source.notes.iter().cloned());
         recordings.push((recording, quality));
@@ -264,7 +335,7 @@ fn build(
     group: &Group,
     name: String,
     source: &Source,
-    expect: &Expectation,
+    expected_hz: Option<f64>,
     merged: bool,
 ) -> Result<(Recording, IngestReport), DataError> {
     let at = |i: usize| group.rows.get(i).map_or(i, |row| *row as usize);
@@ -272,11 +343,11 @@ fn build(
     let moments = Moments { vehicle: &raw.vehicle, frame: &raw.frame, time: &raw.time };
     let steps = moments.steps(group);
     let rate_hz = steps.rate(RATE);
-    check_rate(&table.file, &name, rate_hz, expect.rate_hz)?;
+    check_rate(&table.file, &name, rate_hz, expected_hz)?;
     if let stride @ 2.. = steps.stride() {
         // Rows left out: the frames that remain are numbered as if none were missing.
         let found_hz = rate_hz / f64::from(stride);
-        let expected_hz = expect.rate_hz.unwrap_or(rate_hz);
+        let expected_hz = expected_hz.unwrap_or(rate_hz);
         return Err(DataError::Rate { file: table.file.clone(), recording: name, found_hz, expected_hz });
     }
     let (out_of_order, first) = out_of_order(&raw.vehicle, &raw.frame, &group.rows);
@@ -289,25 +360,19 @@ fn build(
     let x: Vec<f32> = (0..count).map(|i| raw.front[at(i)] - raw.length[at(i)] / 2.).collect();
     let lane: Vec<i16> = (0..count).map(|i| raw.lane[at(i)]).collect();
     check_lengths(table, gather(&raw.length))?;
-    let fit = lanes::fit(&lane, &y);
+    let fit = lanes::fit_lanes(&lane, &y);
     check_lanes(table, fit.width)?;
-    let rows = Rows {
-        vehicle: (0..count).map(|i| raw.vehicle[at(i)]).collect(),
-        frame: (0..count).map(|i| raw.frame[at(i)]).collect(),
-        x,
-        y,
-        velocity: None,
-        lane,
-        neighbours: None,
-    };
+    let vehicle = (0..count).map(|i| raw.vehicle[at(i)]).collect();
+    let frame = (0..count).map(|i| raw.frame[at(i)]).collect();
+    let neighbours = NeighbourSource::Lanes(|lane| lane.min(RAMP));
+    let rows = Rows { lane, neighbours, ..Rows::new(vehicle, frame, x, y) };
     let body = |i: usize| {
         let row = at(i);
-        Body { class: raw.class[row], length: raw.length[row], width: raw.width[row], road: 0 }
+        VehicleBody { class: raw.class[row], length: raw.length[row], width: raw.width[row], road: 0 }
     };
-    let meta =
-        RecordingMeta { dataset: Dataset::Ngsim, site: group.site.clone(), name, rate_hz, simulated: source.simulated };
+    let meta = RecordingMeta::new(Dataset::NGSIM, group.site.clone(), name, rate_hz).with_simulated(source.simulated);
     let roads = vec![Road { driving_direction: 2, lines: fit.lines, fitted: true }];
-    let (recording, mut quality) = assemble(meta, roads, rows, body)?;
+    let (recording, mut quality) = Recording::from_rows(meta, roads, rows, body)?;
     quality.out_of_order = out_of_order;
     check_speeds(table, &recording)?;
     Ok((recording, quality))
@@ -347,7 +412,7 @@ fn check_lanes(table: &Table, width: Option<f32>) -> Result<(), DataError> {
 fn check_speeds(table: &Table, recording: &Recording) -> Result<(), DataError> {
     let c = recording.columns();
     let fast = c.vx.iter().zip(&c.vy).filter(|(vx, vy)| vx.hypot(**vy) > MAX_SPEED).count();
-    if fast as f64 <= FAST_SHARE * recording.len() as f64 {
+    if fast as f64 <= FAST_FRACTION * recording.len() as f64 {
         return Ok(());
     }
     Err(DataError::Unit {
@@ -356,4 +421,14 @@ fn check_speeds(table: &Table, recording: &Recording) -> Result<(), DataError> {
         what: format!("{fast} of {} rows move faster than {MAX_SPEED} m/s", recording.len()),
         remedy: "the values seem not to be feet, or frames are missing; take the original file",
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn describes_every_column_that_is_read() {
+        assert!(KNOWN.iter().all(|known| READ.iter().any(|column| column.name == *known)));
+    }
 }

@@ -1,12 +1,12 @@
 //! Values of a column that must lie in a range, with the line of the first that does not.
 
-use super::table::{Table, Wanted};
+use super::{Table, Wanted};
 use crate::error::DataError;
 use crate::parts::MAX_FRAMES;
 
 impl Table {
     /// Numbers of vehicles and frames.
-    pub(super) fn natural(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<u32>, DataError> {
+    pub(in crate::formats) fn natural(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<u32>, DataError> {
         if let Some(row) = values.iter().position(|v| *v < 0) {
             return Err(self.bad_value(row, column, values[row], "is negative; repair it or remove the row"));
         }
@@ -14,7 +14,7 @@ impl Table {
     }
 
     /// Frames, not further apart than a recording may be long.
-    pub(super) fn frames(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<u32>, DataError> {
+    pub(in crate::formats) fn frames(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<u32>, DataError> {
         let frames = self.natural(values, column)?;
         let first = frames.iter().min().copied().unwrap_or(0);
         match frames.iter().position(|frame| frame - first > MAX_FRAMES) {
@@ -24,7 +24,7 @@ impl Table {
     }
 
     /// Lane numbers; 0 is unknown.
-    pub(super) fn lane_numbers(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<i16>, DataError> {
+    pub(in crate::formats) fn lane_numbers(&self, values: Vec<i32>, column: Wanted) -> Result<Vec<i16>, DataError> {
         if let Some(row) = values.iter().position(|v| !(0..=i32::from(i16::MAX)).contains(v)) {
             return Err(self.bad_value(row, column, values[row], "is not a lane number; repair it or remove the row"));
         }
@@ -32,7 +32,7 @@ impl Table {
     }
 
     /// Sizes.
-    pub(super) fn positive(&self, values: Vec<f32>, column: Wanted) -> Result<Vec<f32>, DataError> {
+    pub(in crate::formats) fn positive(&self, values: Vec<f32>, column: Wanted) -> Result<Vec<f32>, DataError> {
         if let Some(row) = values.iter().position(|v| *v <= 0.) {
             return Err(self.bad_value(
                 row,
@@ -45,7 +45,14 @@ impl Table {
     }
 
     /// Row `row` whose frame is before that of an earlier row of its vehicle.
-    pub(super) fn frame_order(&self, column: &str, row: usize, vehicle: u32, frame: u32, previous: u32) -> DataError {
+    pub(in crate::formats) fn frame_order(
+        &self,
+        column: &str,
+        row: usize,
+        vehicle: u32,
+        frame: u32,
+        previous: u32,
+    ) -> DataError {
         match self.line_of(row) {
             Ok(line) => {
                 let (file, column) = (self.file.clone(), column.to_owned());

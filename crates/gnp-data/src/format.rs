@@ -1,0 +1,177 @@
+//! What a dataset's files are and how they are read: the interface of every format, and the table
+//! of those of this crate.
+
+use std::path::{Path, PathBuf};
+
+use crate::dataset::Dataset;
+use crate::discover::{FoundFiles, discover_with};
+use crate::error::DataError;
+use crate::ingest_report::IngestReport;
+use crate::recording::Recording;
+use crate::schema::Schema;
+
+/// A dataset's files: how they are recognised, what they mean, and how they become recordings.
+///
+/// Everything that is said of a dataset (its name on the command line and in files, its title in
+/// headings, the text of `--describe`) comes from here. [`FORMATS`] lists the formats of this crate;
+/// a further one is a file beside theirs and a line there. A format of another crate is read through
+/// [`discover_with`] and [`Format::read`].
+pub trait Format: Send + Sync {
+    /// Name on the command line, in configurations and in files.
+    fn dataset(&self) -> Dataset;
+
+    /// Name in headings and messages, such as `highD`.
+    fn title(&self) -> &str;
+
+    /// Sites that are read, for headings, where there are a few.
+    fn sites(&self) -> Option<&str> {
+        None
+    }
+
+    /// Frames per second of the original data, Hz.
+    fn rate_hz(&self) -> f64;
+
+    /// The files that a folder must hold, for the message about a folder that does not.
+    fn files(&self) -> &str;
+
+    /// What is read of them, in which units, and what becomes of it.
+    fn schema(&self) -> Schema;
+
+    /// How names of files end that may be of this format, in lower case; a further `.gz` is allowed.
+    fn extensions(&self) -> &[&str] {
+        &["csv", "txt"]
+    }
+
+    /// Whether a file is of this format, by what is in it.
+    ///
+    /// # Errors
+    /// When it is but for something that can be named: a missing column, a wrong delimiter; when it
+    /// cannot be read or is empty.
+    fn recognise(&self, file: &Path) -> Result<bool, DataError>;
+
+    /// Site, where the name of a file tells it.
+    fn site(&self, _file: &Path) -> Option<String> {
+        None
+    }
+
+    /// The recordings among the files of a folder; one for each file that is recognised, unless a
+    /// format says otherwise.
+    ///
+    /// # Errors
+    /// As [`Format::recognise`].
+    fn sources(&self, found: &FoundFiles) -> Result<Vec<Source>, DataError> {
+        found.one_per_file(self)
+    }
+
+    /// The recordings of a source, with a report on each: most formats make their columns into
+    /// [`Rows`](crate::Rows) and call [`Recording::from_rows`].
+    ///
+    /// # Errors
+    /// Any [`DataError`] about a file; when `rate_hz` is given and is not that of the recording.
+    fn read(&self, source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError>;
+}
+
+/// The formats of this crate, in the order in which they are described. Empty without the feature
+/// `readers`.
+pub const FORMATS: &[&dyn Format] = crate::formats::ALL;
+
+/// The format of a dataset.
+///
+/// # Errors
+/// [`DataError::UnknownDataset`] when [`FORMATS`] has none.
+pub fn format_of(dataset: Dataset) -> Result<&'static dyn Format, DataError> {
+    FORMATS.iter().copied().find(|format| format.dataset() == dataset).ok_or_else(|| {
+        let known: Vec<String> = FORMATS.iter().map(|format| format.dataset().to_string()).collect();
+        DataError::UnknownDataset { dataset, known: known.join(", ") }
+    })
+}
+
+/// Files that hold one recording, or several where a file joins sites and periods.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Source {
+    /// Name of the recording, or of the file where it holds several.
+    pub name: String,
+    /// Data family.
+    pub dataset: Dataset,
+    /// Site, where the name of the file tells it; a column of the data may overrule it.
+    pub site: Option<String>,
+    /// The files, in the order of the format: one table for NGSIM; tracks, tracks' meta and
+    /// recording's meta for highD.
+    pub files: Vec<PathBuf>,
+    /// Marked as made by a simulator by a file `SIMULATED` in its folder or above.
+    pub simulated: bool,
+    /// What was passed over in finding it.
+    pub notes: Vec<String>,
+}
+
+impl Source {
+    /// Files of a real recording, whose site is not known; the other fields may be set afterwards.
+    #[must_use]
+    pub fn new(dataset: Dataset, name: impl Into<String>, files: Vec<PathBuf>) -> Self {
+        Self { name: name.into(), dataset, site: None, files, simulated: false, notes: Vec::new() }
+    }
+
+    /// The first file.
+    ///
+    /// # Errors
+    /// [`DataError::NoRecordings`] when there is none.
+    pub fn file(&self) -> Result<&Path, DataError> {
+        self.files.first().map(PathBuf::as_path).ok_or_else(|| DataError::NoRecordings {
+            folder: self.name.clone().into(),
+            expected: format!("a file of {}", self.dataset),
+            seen: "a source without files".into(),
+        })
+    }
+}
+
+/// What the configuration expects of the data.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expectation {
+    /// Data family.
+    pub dataset: Dataset,
+    /// Frames per second; any where `None`.
+    pub rate_hz: Option<f64>,
+}
+
+/// Recordings of a dataset of [`FORMATS`] in a file, or in a folder and its sub-folders: see
+/// [`discover_with`].
+///
+/// # Errors
+/// As [`format_of`] and [`discover_with`].
+pub fn discover(path: &Path, dataset: Dataset) -> Result<Vec<Source>, DataError> {
+    discover_with(path, format_of(dataset)?)
+}
+
+/// The recordings of a source of a dataset of [`FORMATS`], with a report on each. One source is read
+/// at a time, so that memory does not grow with their number.
+///
+/// NGSIM: one recording for each site and period of the file, named `FILE` or, where there are
+/// several, `FILE-SITE-PERIOD`. highD: one recording.
+///
+/// # Errors
+/// As [`format_of`] and [`Format::read`]; when the source is of another dataset.
+pub fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, IngestReport)>, DataError> {
+    let format = format_of(expect.dataset)?;
+    if source.dataset != expect.dataset {
+        return Err(DataError::NoRecordings {
+            folder: source.files.first().cloned().unwrap_or_default(),
+            expected: format.title().to_owned(),
+            seen: format!("a recording of {}", source.dataset),
+        });
+    }
+    format.read(source, expect.rate_hz)
+}
+
+/// Refuses a rate that is not expected: for [`Format::read`].
+///
+/// # Errors
+/// [`DataError::Rate`], which names `file`, in which the rate stands, and the recording.
+pub fn check_rate(file: &Path, recording: &str, found_hz: f64, expected_hz: Option<f64>) -> Result<(), DataError> {
+    match expected_hz {
+        Some(expected_hz) if (found_hz - expected_hz).abs() > 1e-6 * expected_hz => {
+            Err(DataError::Rate { file: file.into(), recording: recording.to_owned(), found_hz, expected_hz })
+        }
+        _ => Ok(()),
+    }
+}
