@@ -37,7 +37,7 @@ pub struct Gnp {
 }
 
 /// What was trained.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Trained {
     header: Header,
     pub(crate) features: Features,
@@ -146,11 +146,12 @@ impl Gnp {
     /// # Errors
     /// As [`SocialForce::with_term`].
     pub fn with_term(self, law: Arc<dyn ForceTerm<f32>>, parameters: &[f64]) -> Result<Self, ModelError> {
-        let force = match self.force {
-            Some((force, phase)) => Some((force.with_term(law, parameters)?, phase)),
-            None => None,
-        };
-        Ok(Self { force, ..self })
+        let mut trained = self.trained;
+        let own = Arc::make_mut(&mut trained);
+        if let Some((force, phase)) = own.force.take() {
+            own.force = Some((force.with_term(law, parameters)?, phase));
+        }
+        Ok(Self { trained, ..self })
     }
 
     /// The same predictor on a pool of `threads` threads of its own, which its later clones share. The

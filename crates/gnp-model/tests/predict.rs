@@ -279,7 +279,7 @@ fn a_made_up_term_acts_is_explained_written_and_drawn() {
     let path = folder.path().join("predictions.parquet");
     let provenance = gnp_eval::Provenance {
         model: "gnp".to_owned(),
-        dataset: Dataset::Ngsim,
+        dataset: Dataset::NGSIM,
         rate_hz: SHAPE.rate_hz,
         simulated: false,
         uses_future: false,
