@@ -111,7 +111,10 @@ impl Explanation {
     /// The acceleration of a step: the sum over all terms, m/s².
     #[must_use]
     pub fn total(&self, step: usize) -> [f32; 2] {
-        self.terms.iter().map(|term| term.total(step)).fold([0.; 2], |sum, force| [sum[0] + force[0], sum[1] + force[1]])
+        self.terms
+            .iter()
+            .map(|term| term.total(step))
+            .fold([0.; 2], |sum, force| [sum[0] + force[0], sum[1] + force[1]])
     }
 }
 
@@ -122,7 +125,8 @@ mod tests {
     use super::*;
 
     fn descriptor() -> Arc<TermDescriptor> {
-        let parameters = vec![TermParameter::constant("c", "1/s", "a constant"), TermParameter::varying("k", "m/s²", "k")];
+        let parameters =
+            vec![TermParameter::constant("c", "1/s", "a constant"), TermParameter::varying("k", "m/s²", "k")];
         Arc::new(TermDescriptor::new("push", Arity::PerNeighbour, "#000000").with(parameters))
     }
 

@@ -118,15 +118,9 @@ impl GoalAttraction {
     pub const NAME: &'static str = "goal";
 }
 
-static PARAMETERS: [TermParameter; 1] = [
-    TermParameter::varying("tau", "s", "relaxation time"),
-];
-static DESCRIPTOR: TermDescriptor = TermDescriptor::fixed(
-    [GoalAttraction::NAME, "goal", "attraction of the goal"],
-    "#f5c400",
-    Arity::One,
-    &PARAMETERS,
-);
+static PARAMETERS: [TermParameter; 1] = [TermParameter::varying("tau", "s", "relaxation time")];
+static DESCRIPTOR: TermDescriptor =
+    TermDescriptor::fixed([GoalAttraction::NAME, "goal", "attraction of the goal"], "#f5c400", Arity::One, &PARAMETERS);
 
 impl<T: RealField + Copy> ForceTerm<T> for GoalAttraction {
     fn descriptor(&self) -> &TermDescriptor {

@@ -57,7 +57,10 @@ pub use crate::{
     field::{Attraction, FieldVjp, ForceField, Forces, Line, Neighbour},
     goal::{GoalAttraction, GoalForceVjp, MIN_TIME, goal_dissipation, goal_force, goal_force_vjp, goal_potential},
     integrator::{Integrator, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler},
-    line::{BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineRepulsion, MarkingKind, Side, line_force, line_force_vjp, line_potential},
+    line::{
+        BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineRepulsion, MarkingKind, Side, line_force, line_force_vjp,
+        line_potential,
+    },
     road::Road,
     simulator::{
         Arrival, CruiseParams, Drive, ForceBreakdown, MotorwayRule, NeighbourSearch, Repulsion, Simulator,

@@ -143,9 +143,7 @@ impl LineRepulsion {
     pub const NAME: &'static str = "lines";
 }
 
-static PARAMETERS: [TermParameter; 1] = [
-    TermParameter::varying("k", "m²/s², of a boundary m⁴/s²", "strength"),
-];
+static PARAMETERS: [TermParameter; 1] = [TermParameter::varying("k", "m²/s², of a boundary m⁴/s²", "strength")];
 static DESCRIPTOR: TermDescriptor = TermDescriptor::fixed(
     [LineRepulsion::NAME, "lane lines", "repulsion of all lane lines"],
     "#000000",

@@ -247,23 +247,13 @@ impl TermParameter {
     /// A parameter that is one number for a whole roll-out.
     #[must_use]
     pub const fn constant(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
-        Self {
-            name: Cow::Borrowed(name),
-            meaning: Cow::Borrowed(meaning),
-            unit: Cow::Borrowed(unit),
-            varies: false,
-        }
+        Self { name: Cow::Borrowed(name), meaning: Cow::Borrowed(meaning), unit: Cow::Borrowed(unit), varies: false }
     }
 
     /// A parameter that may differ from step to step and from source to source.
     #[must_use]
     pub const fn varying(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
-        Self {
-            name: Cow::Borrowed(name),
-            meaning: Cow::Borrowed(meaning),
-            unit: Cow::Borrowed(unit),
-            varies: true,
-        }
+        Self { name: Cow::Borrowed(name), meaning: Cow::Borrowed(meaning), unit: Cow::Borrowed(unit), varies: true }
     }
 }
 

@@ -96,9 +96,11 @@ fn boxes_without_size_push_as_points_do() {
 
 #[test]
 fn lines_push_downhill() {
-    for (kind, road) in
-        [(MarkingKind::LaneDivider, Side::Left), (MarkingKind::Boundary, Side::Left), (MarkingKind::Boundary, Side::Right)]
-    {
+    for (kind, road) in [
+        (MarkingKind::LaneDivider, Side::Left),
+        (MarkingKind::Boundary, Side::Left),
+        (MarkingKind::Boundary, Side::Right),
+    ] {
         for i in -600..600 {
             let d = f64::from(i) * 0.01 + 0.003;
             let k = 0.7;
@@ -112,7 +114,8 @@ fn lines_push_downhill() {
 
 #[test]
 fn line_potentials_have_no_step() {
-    for (kind, at) in [(MarkingKind::LaneDivider, 4.0), (MarkingKind::LaneDivider, -4.0), (MarkingKind::Boundary, 0.5)] {
+    for (kind, at) in [(MarkingKind::LaneDivider, 4.0), (MarkingKind::LaneDivider, -4.0), (MarkingKind::Boundary, 0.5)]
+    {
         let jump: f64 =
             line_potential(kind, at + 1e-9, 1.0, Side::Left) - line_potential(kind, at - 1e-9, 1.0, Side::Left);
         assert!(jump.abs() < 1e-6, "{kind:?} at {at}: {jump}");

@@ -95,9 +95,11 @@ fn of_the_box_repulsion() {
 
 #[test]
 fn of_the_lines() {
-    for (kind, road) in
-        [(MarkingKind::LaneDivider, Side::Left), (MarkingKind::Boundary, Side::Left), (MarkingKind::Boundary, Side::Right)]
-    {
+    for (kind, road) in [
+        (MarkingKind::LaneDivider, Side::Left),
+        (MarkingKind::Boundary, Side::Left),
+        (MarkingKind::Boundary, Side::Right),
+    ] {
         for i in -60..60 {
             let d = f64::from(i) * 0.1 + 0.03;
             let vjp = line_force_vjp(kind, d, 0.7, road, -1.3);

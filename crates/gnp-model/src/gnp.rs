@@ -373,7 +373,8 @@ fn explained(out: &RollOut, batch: &RollOutBatch, goals: &Goals) -> Result<Vec<F
                 };
                 let entries = || steps.clone().flat_map(|step| step * sources..step * sources + there);
                 let parameters = parameters.iter().map(|values| entries().map(|i| values[i]).collect()).collect();
-                let forces = TermForces::new(Arc::clone(term), there, entries().map(|i| forces[i]).collect(), parameters);
+                let forces =
+                    TermForces::new(Arc::clone(term), there, entries().map(|i| forces[i]).collect(), parameters);
                 // On a road without lines the term acts, and gives nothing.
                 if there == 0 { forces.with_totals(vec![[0.; 2]; batch.steps]) } else { forces }
             });

@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
 use gnp_data::{
-    Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS,
-    Slot, Track, TrackState, Window, WindowShape,
+    Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road,
+    SLOTS, Slot, Track, TrackState, Window, WindowShape,
 };
 use gnp_force::nalgebra::Vector2;
 use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, TermVjp};
@@ -375,7 +375,8 @@ fn joint_neighbours_take_their_own_predicted_paths() {
     let observations = [0, 1].map(|track| window(&recording, track).observation());
     let (joint, alone) = (joint.predict(&observations, 1).unwrap(), alone.predict(&observations, 1).unwrap());
     let push = |forecasts: &[gnp_data::Forecast], step: usize| {
-        forecasts[0].modes[0].explanation.as_ref().unwrap().term("neighbours").unwrap().forces(step)[Slot::Preceding as usize]
+        forecasts[0].modes[0].explanation.as_ref().unwrap().term("neighbours").unwrap().forces(step)
+            [Slot::Preceding as usize]
     };
     // At the last observed frame the neighbours are where they are; later they go their own way.
     for axis in 0..2 {

@@ -24,7 +24,9 @@ impl Colour {
     /// The opaque colour that is written as `#rrggbb`; black for what is none.
     pub(crate) fn parse(text: &str) -> Self {
         let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6 && digits.is_ascii());
-        digits.filter(|digits| digits.bytes().all(|b| b.is_ascii_hexdigit())).map_or(Self([0, 0, 0, 255]), |_| Self::of(text))
+        digits
+            .filter(|digits| digits.bytes().all(|b| b.is_ascii_hexdigit()))
+            .map_or(Self([0, 0, 0, 255]), |_| Self::of(text))
     }
 
     /// The opaque colour that is written as `#rrggbb`.

@@ -258,11 +258,8 @@ impl CustomOp3 for Operation {
             }
         }
         let tensor = |values, like: &Tensor| Tensor::from_vec(values, like.shape(), like.device());
-        let (dgoals, dobserved) = if self.inputs {
-            (Some(tensor(dgoals, goals)?), Some(tensor(dobserved, observed)?))
-        } else {
-            (None, None)
-        };
+        let (dgoals, dobserved) =
+            if self.inputs { (Some(tensor(dgoals, goals)?), Some(tensor(dobserved, observed)?)) } else { (None, None) };
         Ok((Some(tensor(sum, flat)?), dgoals, dobserved))
     }
 }

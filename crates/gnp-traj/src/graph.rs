@@ -247,11 +247,9 @@ impl Record {
                 steps.forces.push(forces);
                 steps.parameters.push(parameters);
             }
-            None => self.terms.push(TermSteps {
-                term: term.clone(),
-                forces: vec![forces],
-                parameters: vec![parameters],
-            }),
+            None => {
+                self.terms.push(TermSteps { term: term.clone(), forces: vec![forces], parameters: vec![parameters] })
+            }
         }
     }
 

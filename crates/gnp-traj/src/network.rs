@@ -213,7 +213,10 @@ impl SocialForce {
                     return Some(("neighbours.states", "the fused roll-out wants given neighbours; take the graph"));
                 }
                 NeighbourStates::Given(states) if states.track_op() => {
-                    return Some(("neighbours.states", "only the graph has a gradient for it; take that, or detach it"));
+                    return Some((
+                        "neighbours.states",
+                        "only the graph has a gradient for it; take that, or detach it",
+                    ));
                 }
                 NeighbourStates::Given(_) => {}
             }

@@ -227,8 +227,9 @@ impl Content {
                 1 => totals.clone(),
                 _ => pairs(of(&|part| matches!(part, Part::Source { term: t, .. } if t == term))),
             };
-            let parameter =
-                |i: usize| of(&|part| matches!(part, Part::Parameter { term: t, index, .. } if t == term && index == i));
+            let parameter = |i: usize| {
+                of(&|part| matches!(part, Part::Parameter { term: t, index, .. } if t == term && index == i))
+            };
             let parameters = (0..descriptor.varying().count()).map(parameter).collect();
             terms.push(TermForces::new(Arc::clone(descriptor), sources, forces, parameters).with_totals(totals));
         }

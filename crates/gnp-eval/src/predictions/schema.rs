@@ -230,8 +230,11 @@ pub(super) fn explaining(terms: &[Arc<TermDescriptor>]) -> Vec<Explaining> {
                 }
                 Arity::PerNeighbour => {
                     for slot in Slot::ALL {
-                        let meaning =
-                            format!("{} of the neighbour in slot {}; 0 in an empty slot", parameter.meaning, slot_name(slot));
+                        let meaning = format!(
+                            "{} of the neighbour in slot {}; 0 in an empty slot",
+                            parameter.meaning,
+                            slot_name(slot)
+                        );
                         let part = Part::Parameter { term, index, slot: slot as usize };
                         add(format!("{name}_{}", slot_name(slot)), &parameter.unit, meaning, part);
                     }

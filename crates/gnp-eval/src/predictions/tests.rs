@@ -119,7 +119,9 @@ fn terms_of_ones_own_have_columns_and_come_back() {
     let parquet = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
     let schema = parquet.metadata().file_metadata().schema_descr();
     let found: Vec<String> = schema.columns().iter().map(|column| column.path().string()).collect();
-    for name in ["force_drag_x", "force_following_y", "force_following_preceding_x", "following_gap_right_following", "tau"] {
+    for name in
+        ["force_drag_x", "force_following_y", "force_following_preceding_x", "following_gap_right_following", "tau"]
+    {
         assert!(found.iter().any(|column| column == name), "{name} in {found:?}");
     }
     assert!(read.provenance()["units"].contains("following_gap_preceding m,"));

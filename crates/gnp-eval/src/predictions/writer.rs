@@ -14,7 +14,9 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 
 use crate::error::EvalError;
-use crate::predictions::schema::{COLUMNS, Cell, Explaining, Kind, Provenance, Row, explaining, parquet_schema, published};
+use crate::predictions::schema::{
+    COLUMNS, Cell, Explaining, Kind, Provenance, Row, explaining, parquet_schema, published,
+};
 
 /// Rows held in memory before they are written, about 12 MB.
 const GROUP_ROWS: usize = 1 << 16;
@@ -123,7 +125,8 @@ impl PredictionWriter {
                 };
                 let explained = explanation.filter(|explanation| j < explanation.steps());
                 self.rows.push(&row);
-                for (values, column) in self.rows.explaining.iter_mut().zip(columns.iter().flat_map(|c| &c.explaining)) {
+                for (values, column) in self.rows.explaining.iter_mut().zip(columns.iter().flat_map(|c| &c.explaining))
+                {
                     values.push(explained.and_then(|explanation| column.part.value(explanation.goal, &terms, j)));
                 }
             }

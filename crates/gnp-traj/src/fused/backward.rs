@@ -141,12 +141,17 @@ impl<'a, 'b> Back<'a, 'b> {
         }
         for term in &batch.terms.fixed {
             let arity = term.descriptor.arity;
-            undoing.undo(&*term.law, &chunk.sources(arity, step), |_| &term.parameters, |row, vjp, _| {
-                // Goals come row by row; neighbours and lines ask for no gradient here.
-                if arity == Arity::One {
-                    self.dgoals[row] += vjp.source_position;
-                }
-            });
+            undoing.undo(
+                &*term.law,
+                &chunk.sources(arity, step),
+                |_| &term.parameters,
+                |row, vjp, _| {
+                    // Goals come row by row; neighbours and lines ask for no gradient here.
+                    if arity == Arity::One {
+                        self.dgoals[row] += vjp.source_position;
+                    }
+                },
+            );
         }
     }
 

@@ -216,7 +216,8 @@ impl<'a> Chunk<'a> {
     /// What a term of that arity acts from in a step, by row and, of neighbours and lines, as in the pairs.
     pub(crate) fn sources(&self, arity: Arity, step: usize) -> Vec<Pair> {
         let time_left = (self.batch.steps - step) as f32 * self.batch.dt;
-        let pair = |row, slot, values: &[f32]| source(arity, slot, values, time_left).map(|from| Pair { row, slot, from });
+        let pair =
+            |row, slot, values: &[f32]| source(arity, slot, values, time_left).map(|from| Pair { row, slot, from });
         let of = |slots: &ActiveSlots, values: &dyn Fn(usize) -> ([f32; 4], usize)| {
             let pairs = slots.pairs.iter().filter_map(|&(row, occupied)| {
                 let (values, width) = values(occupied);

@@ -41,9 +41,11 @@ fn assert_same(cfg: &TrajConfig, scene: &RollOutBatch, phase: Phase) -> Outcome 
 #[test]
 fn paths_and_gradients_are_those_of_the_graph() -> Outcome {
     for phase in [Phase::Attraction, Phase::Repulsion, Phase::Full] {
-        for (goals, integrator, network_period) in
-            [(1, Integrator::SemiImplicitEuler, 1), (3, Integrator::ExplicitEuler, 1), (2, Integrator::SemiImplicitEuler, 3)]
-        {
+        for (goals, integrator, network_period) in [
+            (1, Integrator::SemiImplicitEuler, 1),
+            (3, Integrator::ExplicitEuler, 1),
+            (2, Integrator::SemiImplicitEuler, 3),
+        ] {
             assert_same(&TrajConfig { integrator, network_period, ..small() }, &scene(5, goals, 11)?, phase)?;
         }
     }
@@ -118,7 +120,11 @@ fn gradients_in_goals_and_observations_are_differences_of_the_path() -> Outcome 
     for i in [0, 1, 2, 3] {
         let at = |by| loss(&RollOutBatch { goals: moved(&batch.goals, i, by)?, ..batch.clone() });
         let wanted = (at(step)? - at(-step)?) / f64::from(2. * step);
-        assert!((f64::from(dgoals[i]) - wanted).abs() < 2e-2 * wanted.abs().max(0.1), "goal {i}: {}, {wanted}", dgoals[i]);
+        assert!(
+            (f64::from(dgoals[i]) - wanted).abs() < 2e-2 * wanted.abs().max(0.1),
+            "goal {i}: {}, {wanted}",
+            dgoals[i]
+        );
     }
     for i in [4, 7, 12, 13, 14, 15, 28, 31] {
         let at = |by| loss(&RollOutBatch { observed: moved(&batch.observed, i, by)?, ..batch.clone() });

@@ -115,7 +115,9 @@ fn both_engines_give_one_path_and_the_same_gradients() -> Outcome {
             }
         }
         let inputs = pulled()?.backward()?;
-        for (name, (var, wanted)) in ["goals", "observed"].iter().zip([&goals, &observed].into_iter().zip(&wanted_inputs)) {
+        for (name, (var, wanted)) in
+            ["goals", "observed"].iter().zip([&goals, &observed].into_iter().zip(&wanted_inputs))
+        {
             assert_close(name, &values(inputs.get(var).ok_or("no gradient")?)?, wanted, 1e-4);
         }
         // The terms do something.

@@ -57,9 +57,11 @@ impl Columns {
         }
         let explained = match detail {
             Detail::Paths => Explained::default(),
-            Detail::Explanations => {
-                Explained::find(schema, &by_name, terms.map_or_else(published, |t| t.into_iter().map(Arc::new).collect()))?
-            }
+            Detail::Explanations => Explained::find(
+                schema,
+                &by_name,
+                terms.map_or_else(published, |t| t.into_iter().map(Arc::new).collect()),
+            )?,
         };
         Ok(Self { found, explained })
     }
