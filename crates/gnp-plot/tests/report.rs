@@ -173,7 +173,10 @@ fn a_clip_is_short_text_that_stays_in_its_script() {
         (20, &1000.into())
     );
     assert_eq!(first["steps"].as_array().unwrap().len(), 10);
-    assert_eq!(first["steps"][0]["goal"], serde_json::json!([1.5, 0.5]));
+    assert_eq!(first["steps"][0]["forces"], serde_json::json!([[1.5, 0.5], [-0.4, 0.1], [0., -0.3], [-0.2, 0.]]));
+    assert_eq!(first["steps"][0]["parameters"], serde_json::json!([[0.8], [1., 1., 1., 1., 1., 1., 1., 1.]]));
+    let term = &json["terms"][3];
+    assert_eq!((&term["label"], &term["colour"]), (&"drag of the air".into(), &"#7a5195".into()));
 }
 
 /// Nothing is fetched: no address but the name of SVG's namespace.

@@ -202,19 +202,20 @@ pub(super) fn explaining(terms: &[Arc<TermDescriptor>]) -> Vec<Explaining> {
         let meaning = format!("goal of the mode, window frame, {way}");
         add(format!("goal_{letter}"), "m", meaning, Part::Goal { axis });
     }
+    // Columns of another term start with its name, so that one called like a slot meets no other.
+    let own = |of: &TermDescriptor| published.iter().all(|term| term.name != of.name);
+    let prefix = |of: &TermDescriptor| if own(of) { format!("{}_", of.name) } else { String::new() };
     for (term, of) in terms.iter().enumerate() {
+        let name = if own(of) { format!("{}_force", of.name) } else { format!("force_{}", of.name) };
         for (axis, (letter, way)) in ways.into_iter().enumerate() {
             let meaning = format!("{}, {way}", of.meaning);
-            add(format!("force_{}_{letter}", of.name), &of.unit, meaning, Part::Total { term, axis });
+            add(format!("{name}_{letter}"), &of.unit, meaning, Part::Total { term, axis });
         }
     }
-    let prefix = |of: &TermDescriptor| {
-        if published.iter().any(|term| term.name == of.name) { String::new() } else { format!("{}_", of.name) }
-    };
     for (term, of) in terms.iter().enumerate().filter(|(_, of)| of.arity == Arity::PerNeighbour) {
         for slot in Slot::ALL {
             for (axis, (letter, way)) in ways.into_iter().enumerate() {
-                let name = format!("force_{}{}_{letter}", prefix(of), slot_name(slot));
+                let name = format!("{}force_{}_{letter}", prefix(of), slot_name(slot));
                 let meaning = format!("{}: only that in slot {}, {way}", of.meaning, slot_name(slot));
                 add(name, &of.unit, meaning, Part::Source { term, slot: slot as usize, axis });
             }
@@ -256,8 +257,8 @@ pub(super) fn sources_in_file(arity: Arity) -> usize {
 }
 
 /// The schema of a prediction file with the published terms of the force, in the order of its columns. Columns that are
-/// not required may be missing or hold nulls; forces are accelerations. Another term adds columns of its own: `force_NAME_x`
-/// and `_y`, by slot `force_NAME_SLOT_x`, and for its parameters `NAME_PARAMETER`.
+/// not required may be missing or hold nulls; forces are accelerations. Another term adds columns of its own: `NAME_force_x`
+/// and `_y`, by slot `NAME_force_SLOT_x`, and for its parameters `NAME_PARAMETER`.
 #[must_use]
 pub fn prediction_columns() -> Vec<ColumnInfo> {
     all_columns(&published())

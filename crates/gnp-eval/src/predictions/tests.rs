@@ -120,7 +120,7 @@ fn terms_of_ones_own_have_columns_and_come_back() {
     let schema = parquet.metadata().file_metadata().schema_descr();
     let found: Vec<String> = schema.columns().iter().map(|column| column.path().string()).collect();
     for name in
-        ["force_drag_x", "force_following_y", "force_following_preceding_x", "following_gap_right_following", "tau"]
+        ["drag_force_x", "following_force_y", "following_force_preceding_x", "following_gap_right_following", "tau"]
     {
         assert!(found.iter().any(|column| column == name), "{name} in {found:?}");
     }
