@@ -1,26 +1,29 @@
 //! The project's checks, cheapest first; `.ci/run` and README call this.
 
+mod dependant;
+pub(crate) mod features;
+
 use std::path::Path;
-use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 
+use crate::workspace::cargo;
 use crate::{bench, tidy};
 use gnp::Progress as _;
 use gnp::text::duration;
 use gnp_cli::Terminal;
 
 /// A cargo command with the environment it needs.
-struct Step {
-    name: &'static str,
-    arguments: &'static [&'static str],
-    environment: &'static [(&'static str, &'static str)],
+struct Step<'a> {
+    name: &'a str,
+    arguments: &'a [&'a str],
+    environment: &'a [(&'a str, &'a str)],
 }
 
-const FORMAT: Step = Step { name: "format", arguments: &["fmt", "--all", "--", "--check"], environment: &[] };
+const FORMAT: Step<'_> = Step { name: "format", arguments: &["fmt", "--all", "--", "--check"], environment: &[] };
 
-const COMPILED: [Step; 2] = [
+const COMPILED: [Step<'_>; 2] = [
     Step {
         name: "clippy",
         arguments: &["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"],
@@ -33,8 +36,15 @@ const COMPILED: [Step; 2] = [
     },
 ];
 
+/// Every crate as it would be published; compiling each from its package as well takes as long as all else.
+const PACKAGE: Step<'_> = Step {
+    name: "package",
+    arguments: &["package", "--workspace", "--exclude", "xtask", "--no-verify", "--allow-dirty"],
+    environment: &[],
+};
+
 /// The feature `rerun`, which compiles some 250 packages more and the others once more with other features: when asked for.
-const RERUN: [Step; 3] = [
+const RERUN: [Step<'_>; 3] = [
     Step {
         name: "clippy with rerun",
         arguments: &[
@@ -86,10 +96,10 @@ const RERUN: [Step; 3] = [
 ];
 
 /// Last, and nothing is printed after it: the output ends with the test harness's own lines.
-const TEST: Step = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
+const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
-/// Runs format, tidy, clippy, doc, the ratios of `bench --check --quick`, with `rerun` what needs that feature, and test;
-/// stops at the first that fails.
+/// Runs format, tidy, clippy, doc, crates alone with their features, a dependant on stable Rust, packages, the ratios of
+/// `bench --check --quick`, with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
@@ -100,6 +110,9 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     tidy::run(root)?;
     terminal.note(&format!("ci: tidy passed in {}", duration(started.elapsed())));
     COMPILED.iter().try_for_each(|one| step(root, terminal, one))?;
+    features::run(root, features::Extent::Short, terminal)?;
+    dependant::run(root, terminal)?;
+    step(root, terminal, &PACKAGE)?;
     let started = Instant::now();
     terminal.note("ci: bench (cargo xtask bench --check --quick)");
     bench::check(bench::Profile::Quick, terminal).context("ci: bench failed")?;
@@ -110,15 +123,17 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     step(root, terminal, &TEST)
 }
 
-fn step(root: &Path, terminal: &Terminal, step: &Step) -> Result<()> {
+/// Runs cargo in `folder`. Only in the workspace do its own settings reach the compiler.
+fn step(folder: &Path, terminal: &Terminal, step: &Step<'_>) -> Result<()> {
     let started = Instant::now();
     let line = step.arguments.join(" ");
     terminal.note(&format!("ci: {} (cargo {line})", step.name));
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let status = Command::new(cargo)
+    let status = cargo()
         .args(step.arguments)
+        // Of the cargo that runs us; the workspace's configuration sets it again.
+        .env_remove("RUSTC_BOOTSTRAP")
         .envs(step.environment.iter().copied())
-        .current_dir(root)
+        .current_dir(folder)
         .status()
         .with_context(|| format!("cannot start cargo for the step {}", step.name))?;
     if !status.success() {

@@ -46,12 +46,14 @@ Examples:
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
-    /// Run the project's checks: format, tidy, clippy, docs, ratios of times, tests.
+    /// Run the project's checks: format, tidy, clippy, docs, features, packages, ratios of times, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]
         rerun: bool,
     },
+    /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
+    Features,
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
     Tidy,
 }
@@ -121,6 +123,17 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    /// The commands of `gnp` are called as they are here.
+    #[test]
+    fn help_has_the_name_of_the_program() {
+        let program = gnp_cli::Program::new("cargo xtask", "xtask", "runs");
+        let mut command = program.commands(Cli::command());
+        let help = command.find_subcommand_mut("pipeline").unwrap().render_long_help().to_string();
+        assert!(help.contains("  cargo xtask pipeline --dataset ngsim") && !help.contains("  gnp "), "{help}");
+        let help = command.find_subcommand_mut("train").unwrap().render_long_help().to_string();
+        assert!(help.contains("`cargo xtask ingest` starts one"), "{help}");
     }
 
     #[test]

@@ -7,6 +7,7 @@ mod cli;
 mod gallery;
 mod project;
 mod tidy;
+mod workspace;
 
 use std::process::ExitCode;
 
@@ -40,6 +41,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Gallery(args) => gallery::run(args, program),
         Command::Bench(args) => bench::run(args, &terminal(args.quiet)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
+        Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
         Command::Tidy => tidy::run(&project::root()),
     }
 }

@@ -4,10 +4,9 @@ use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 use gnp::{Setting, Stage};
-
 use gnp_data::Dataset;
 
-use crate::names::{DeviceName, ProtocolName};
+use crate::names::{DeviceName, ProtocolName, dataset};
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -133,7 +132,7 @@ pub struct IngestArgs {
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RunArgs {
     /// Kind of data; picks configs/ngsim.toml or configs/highd.toml unless --config is given.
-    #[arg(long, value_parser = crate::names::dataset, value_name = "NAME")]
+    #[arg(long, value_parser = dataset, value_name = "NAME")]
     pub(crate) dataset: Option<Dataset>,
     /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
     #[arg(long, value_name = "DIR")]
@@ -218,7 +217,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Kind of data that the predictions are for.
-    #[arg(long, value_enum, requires = "predictions")]
+    #[arg(long, value_parser = dataset, value_name = "NAME", requires = "predictions")]
     pub(crate) dataset: Option<Dataset>,
     /// Configuration that says how windows are cut for predictions [default: that of the data set].
     #[arg(long, value_name = "FILE", requires = "predictions", conflicts_with = "run")]

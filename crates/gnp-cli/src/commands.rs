@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Machine, Plan, PredictionsOn, Progress as _, Recipes, Run, RunConfig, Stage, memory, score_predictions,
+    Machine, Plan, PredictionsOn, Progress as _, Recipes, Run, RunConfig, Scores, Stage, memory, score_predictions,
     score_recordings,
 };
 use gnp_data::FORMATS;
@@ -57,9 +57,11 @@ fn pipeline(args: &PipelineArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
     let mut run = plan(&args.run, program)?.begin(&machine)?;
     run.complete()?;
+    show(&run.scores()?, args.tables, &machine);
     let root = run.path().display();
+    machine.progress.result(&format!("\nAll scores: {root}/metrics.md\nReport:     {root}/report.html"));
     machine.progress.note(&format!(
-        "done in {}, peak memory {}: {root}\n  scores: {root}/metrics.md; curves: tensorboard --logdir {root}/events",
+        "done in {}, peak memory {}; curves: tensorboard --logdir {root}/events",
         duration(started.elapsed()),
         memory::peak_text()
     ));
@@ -117,13 +119,17 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
             if args.again {
                 run.forget(Stage::Evaluate)?;
             }
-            Ok(run.perform(Stage::Evaluate)?)
+            run.perform(Stage::Evaluate)?;
+            show(&run.scores()?, args.tables, &machine);
+            machine.progress.result(&format!("\nAll scores: {}", run.path().join("metrics.md").display()));
+            Ok(())
         }
         (None, Some(folder), Some(data)) => {
             let Some(out) = &args.out else { bail!("give a folder for the scores on other recordings: --out DIR") };
             let run = Run::open(folder, &machine)?;
-            let (_, place) = score_recordings(&run, data, out)?;
-            machine.progress.note(&format!("scores: {}", place.join("metrics.md").display()));
+            let (scores, place) = score_recordings(&run, data, out)?;
+            show(&scores, args.tables, &machine);
+            machine.progress.result(&format!("\nAll scores: {}", place.join("metrics.md").display()));
             Ok(())
         }
         (None, None, _) => bail!("give a run to score (--run DIR), or predictions (--predictions FILE)"),
@@ -157,8 +163,20 @@ fn evaluate_predictions(args: &EvaluateArgs, file: &Path, machine: &Machine) -> 
         }
     };
     let protocols: Vec<Protocol> = args.protocol.iter().map(|name| (*name).into()).collect();
-    score_predictions(file, &on, &protocols, args.out.as_deref(), machine)?;
+    let scores = score_predictions(file, &on, &protocols, args.out.as_deref(), machine)?;
+    scores.show(machine.progress.as_ref());
     Ok(())
+}
+
+/// The short table, and all of them if asked for.
+fn show(scores: &Scores, tables: bool, machine: &Machine) {
+    let summary = scores.summary();
+    if tables || summary.is_none() {
+        scores.show(machine.progress.as_ref());
+    }
+    if let Some(summary) = summary {
+        machine.progress.result(&format!("\n{}", summary.terminal()));
+    }
 }
 
 fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<()> {
@@ -248,7 +266,7 @@ fn resolve(args: &RunArgs) -> Result<(RunConfig, String)> {
     if let Some(asked) = args.dataset
         && asked != config.dataset
     {
-        bail!("--dataset {} but {shown} is for {}", asked.as_str(), config.dataset);
+        bail!("--dataset {asked} but {shown} is for {}", config.dataset);
     }
     Ok((config, name))
 }

@@ -35,6 +35,7 @@ pub enum LaneSource {
 
 /// The report on one recording: what was read, what was dropped and why, what looks wrong.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct IngestReport {
     /// Name of the recording.
     pub recording: String,

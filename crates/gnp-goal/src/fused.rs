@@ -10,13 +10,11 @@
 //! weights are summed over fixed groups of windows, then over the groups in order.
 
 mod parts;
-mod product;
-mod rows;
 mod tokens;
 mod window;
 
-use candle_core::{CpuStorage, CustomOp2, CustomOp3, DType, Layout, Result, Shape, Storage, Tensor};
-use pulp::Arch;
+use candle_core::{CpuStorage, CustomOp2, CustomOp3, DType, Layout, Result, Shape, Tensor};
+use gnp_nn::kernels::{add_rows, read, values};
 use rayon::prelude::*;
 
 use self::parts::{Parts, Transposed, lengths};
@@ -68,10 +66,9 @@ impl FusedBlock {
     }
 
     fn layer<'a>(&self, sizes: Sizes, weights: &'a [f32]) -> Layer<'a> {
-        let arch = Arch::new();
         let parts = Parts::of(weights, sizes.width, sizes.hidden);
-        let transposed = Transposed::of(arch, &parts, sizes.width, sizes.hidden);
-        Layer { arch, sizes, parts, transposed, masks: self.masks }
+        let transposed = Transposed::of(&parts, sizes.width, sizes.hidden);
+        Layer { sizes, parts, transposed, masks: self.masks }
     }
 
     /// The rows of window `window` of `keys` that exist.
@@ -153,7 +150,7 @@ impl FusedBlock {
         let mut d_keys = Vec::with_capacity(keys.map_or(0, <[f32]>::len));
         for (weights, keys) in of_groups {
             d_keys.extend(keys);
-            rows::add_rows(layer.arch, &mut d_weights, &weights);
+            add_rows(&mut d_weights, &weights);
         }
         [d_x, d_keys, d_weights]
     }
@@ -181,19 +178,9 @@ struct Given<'a> {
     sizes: Sizes,
 }
 
-/// The values of a contiguous tensor on the CPU.
-fn values<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
-    match layout.contiguous_offsets() {
-        Some((from, to)) => Ok(&storage.as_slice::<f32>()?[from..to]),
-        None => candle_core::bail!("a block takes contiguous tensors"),
-    }
-}
-
-fn cpu(storage: &Storage) -> Result<&CpuStorage> {
-    match storage {
-        Storage::Cpu(storage) => Ok(storage),
-        _ => candle_core::bail!("a fused block runs on the CPU"),
-    }
+/// A gradient as a tensor of the shape of what it belongs to.
+fn gradient(values: Vec<f32>, of: &Tensor) -> Result<Option<Tensor>> {
+    Tensor::from_vec(values, of.shape(), of.device()).map(Some)
 }
 
 impl CustomOp2 for FusedBlock {
@@ -209,14 +196,11 @@ impl CustomOp2 for FusedBlock {
 
     fn bwd(&self, x: &Tensor, w: &Tensor, _: &Tensor, d_out: &Tensor) -> Result<(Option<Tensor>, Option<Tensor>)> {
         let d_out = d_out.contiguous()?;
-        let ((sx, lx), (sw, lw), (sd, ld)) =
-            (x.storage_and_layout(), w.storage_and_layout(), d_out.storage_and_layout());
-        let weights = values(cpu(&sw)?, lw)?;
-        let (batch, sizes) = self.sizes(lx.shape(), lx.shape(), weights.len())?;
-        let given = Given { x: values(cpu(&sx)?, lx)?, keys: None, weights, batch, sizes };
-        let [d_x, _, d_weights] = self.backward(&given, values(cpu(&sd)?, ld)?);
-        let tensor = |d, like: &Tensor| Tensor::from_vec(d, like.shape(), like.device()).map(Some);
-        Ok((tensor(d_x, x)?, tensor(d_weights, w)?))
+        let (values, weights) = (read(x)?, read(w)?);
+        let (batch, sizes) = self.sizes(x.shape(), x.shape(), weights.len())?;
+        let given = Given { x: &values, keys: None, weights: &weights, batch, sizes };
+        let [d_x, _, d_weights] = self.backward(&given, &read(&d_out)?);
+        Ok((gradient(d_x, x)?, gradient(d_weights, w)?))
     }
 }
 
@@ -249,13 +233,10 @@ impl CustomOp3 for FusedBlock {
         d_out: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let d_out = d_out.contiguous()?;
-        let ((sx, lx), (sk, lk)) = (x.storage_and_layout(), keys.storage_and_layout());
-        let ((sw, lw), (sd, ld)) = (w.storage_and_layout(), d_out.storage_and_layout());
-        let weights = values(cpu(&sw)?, lw)?;
-        let (batch, sizes) = self.sizes(lx.shape(), lk.shape(), weights.len())?;
-        let given = Given { x: values(cpu(&sx)?, lx)?, keys: Some(values(cpu(&sk)?, lk)?), weights, batch, sizes };
-        let [d_x, d_keys, d_weights] = self.backward(&given, values(cpu(&sd)?, ld)?);
-        let tensor = |d, like: &Tensor| Tensor::from_vec(d, like.shape(), like.device()).map(Some);
-        Ok((tensor(d_x, x)?, tensor(d_keys, keys)?, tensor(d_weights, w)?))
+        let (values, key_values, weights) = (read(x)?, read(keys)?, read(w)?);
+        let (batch, sizes) = self.sizes(x.shape(), keys.shape(), weights.len())?;
+        let given = Given { x: &values, keys: Some(&key_values), weights: &weights, batch, sizes };
+        let [d_x, d_keys, d_weights] = self.backward(&given, &read(&d_out)?);
+        Ok((gradient(d_x, x)?, gradient(d_keys, keys)?, gradient(d_weights, w)?))
     }
 }

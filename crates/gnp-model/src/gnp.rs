@@ -26,6 +26,11 @@ use crate::select::{Selection, medoids};
 /// Calls from several threads are safe, but all share rayon's global pool: two plain threads that each
 /// call [`predict`](Predictor::predict) wait for each other's work and take longer a call than one
 /// alone. Give each a predictor with threads of its own by [`Gnp::with_threads`].
+///
+/// The number of threads and their timing never reach a result. The windows of one call do, by rounding: the
+/// matrix products of the goal network sum in another order for another number of rows, so that a
+/// window predicted alone and in a batch differs in the last bits (below 1 mm on a path). Where two goals
+/// are equally good but for these bits, the other one may be chosen.
 #[derive(Clone, Debug)]
 pub struct Gnp {
     pub(crate) trained: Arc<Trained>,

@@ -21,3 +21,4 @@ pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation};
 pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
 pub use crate::scene::{NeighbourFuture, NeighbourInput};
 pub use crate::select::Selection;
+pub use candle_core::Device;

@@ -353,6 +353,33 @@ fn clones_share_the_model_and_threads_change_nothing() {
     assert!(error.contains("1 or more"), "{error}");
 }
 
+/// General matrix products sum in another order for another number of rows, so that a window alone and
+/// the same window in a batch differ in the last bits, and in no more than those.
+#[test]
+fn a_window_alone_is_as_in_a_batch_but_for_rounding() {
+    let recording = road(false, false);
+    for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Joint] {
+        let recording = &recording;
+        let model = model(recording, neighbours);
+        let last_rows = |track: usize| {
+            let rows = recording.tracks()[track].rows.clone();
+            rows.filter_map(move |row| Observation::new(recording, SHAPE, track, row).ok())
+        };
+        let observations: Vec<Observation<'_>> = [0, 1].into_iter().flat_map(last_rows).collect();
+        assert!(observations.len() > 20, "{}", observations.len());
+        let batched = model.predict(&observations, 4).unwrap();
+        for (observation, batched) in observations.iter().zip(&batched) {
+            let alone = model.predict(&[*observation], 4).unwrap().remove(0);
+            for (a, b) in alone.modes.iter().zip(&batched.modes) {
+                assert!((a.probability - b.probability).abs() < 1e-5, "{} {}", a.probability, b.probability);
+                for (a, b) in a.path.iter().zip(&b.path) {
+                    assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-3, "{a:?} {b:?}");
+                }
+            }
+        }
+    }
+}
+
 /// Told the end it goes there and nowhere else, once, and neighbours stay as predicted.
 #[test]
 fn a_true_goal_is_the_only_one() {

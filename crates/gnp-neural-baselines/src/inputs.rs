@@ -3,8 +3,8 @@
 use candle_core::{Device, Result, Tensor};
 use gnp_data::{Neighbour, TrackState, Truth, VehicleClass};
 
-use crate::augmented_view::{AugmentedView, Side};
 use crate::grid::{LANE_CELLS, by_lane};
+use crate::oriented_view::{Orientation, OrientedView};
 use crate::time_grid::{RATE_HZ, TimeGrid};
 
 /// Brings windows to the published networks' form: points at 5 Hz, first axis to the right, second
@@ -59,12 +59,12 @@ impl Inputs {
     }
 
     /// The target's path, oldest point first.
-    pub(crate) fn target(&self, seen: &AugmentedView<'_>) -> Vec<[f32; 2]> {
+    pub(crate) fn target(&self, seen: &OrientedView<'_>) -> Vec<[f32; 2]> {
         self.frames().map(|frame| self.point(seen.side.turn(seen.observation.target(frame)))).collect()
     }
 
     /// A neighbour's path in the target's window frame.
-    pub(crate) fn neighbour(&self, neighbour: &Neighbour<'_>, side: Side) -> Vec<[f32; 2]> {
+    pub(crate) fn neighbour(&self, neighbour: &Neighbour<'_>, side: Orientation) -> Vec<[f32; 2]> {
         self.frames().map(|frame| self.point(side.turn(neighbour.state(frame).unwrap_or_default()))).collect()
     }
 
@@ -77,7 +77,7 @@ impl Inputs {
     ///
     /// # Errors
     /// When the tensors cannot be made.
-    pub(crate) fn past(&self, windows: &[AugmentedView<'_>], features: bool, device: &Device) -> Result<Past> {
+    pub(crate) fn past(&self, windows: &[OrientedView<'_>], features: bool, device: &Device) -> Result<Past> {
         let (mut targets, mut neighbours, mut cells) = (Vec::new(), Vec::new(), Vec::new());
         let (mut target_classes, mut neighbour_classes) = (Vec::new(), Vec::new());
         let mut collisions = 0;
@@ -114,7 +114,7 @@ impl Inputs {
     /// When the tensor cannot be made.
     pub(crate) fn futures<'t>(
         &self,
-        truths: impl ExactSizeIterator<Item = (Truth<'t>, Side)>,
+        truths: impl ExactSizeIterator<Item = (Truth<'t>, Orientation)>,
         device: &Device,
     ) -> Result<Tensor> {
         let (windows, points) = (truths.len(), self.clock.future());

@@ -7,7 +7,6 @@ use candle_core::{DType, Device};
 use candle_nn::VarBuilder;
 use gnp_data::{Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, Truth, Window, WindowShape};
 
-use crate::augmented_view::{AugmentedView, Side};
 use crate::checkpoint::{Checkpoint, Header};
 use crate::error::NeuralBaselineError;
 use crate::gauss::mixture_nll;
@@ -15,6 +14,7 @@ use crate::inputs::Inputs;
 use crate::kind::NeuralBaseline;
 use crate::net::Net;
 use crate::network::{Ask, Output};
+use crate::oriented_view::{Orientation, OrientedView};
 use crate::time_grid::TimeGrid;
 
 /// Windows that go through a network at once.
@@ -96,7 +96,7 @@ impl TrainedBaseline {
             let truths: Vec<Truth<'_>> = windows.iter().map(Window::truth).collect();
             let output = self.forward(&observations, self.kind.uses_future().then_some(&truths))?;
             let values = || {
-                let truths = windows.iter().map(|window| (window.truth(), Side::Recorded));
+                let truths = windows.iter().map(|window| (window.truth(), Orientation::Recorded));
                 let truth = self.net.inputs.futures(truths, self.net.device())?.unsqueeze(1)?;
                 mixture_nll(&output.gaussians.nll(&truth)?, &output.log_probability)?.mean(1)?.to_vec1::<f32>()
             };
@@ -111,7 +111,7 @@ impl TrainedBaseline {
         observations: &[Observation<'_>],
         truths: Option<&Vec<Truth<'_>>>,
     ) -> Result<Output, PredictError> {
-        let seen: Vec<AugmentedView<'_>> = observations.iter().map(AugmentedView::recorded).collect();
+        let seen: Vec<OrientedView<'_>> = observations.iter().map(OrientedView::recorded).collect();
         self.net.forward(&seen, truths.map(Vec::as_slice), Ask::Predict).map_err(|e| self.fail(e))
     }
 

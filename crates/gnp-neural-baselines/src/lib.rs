@@ -6,8 +6,6 @@
 //! pooling whose gradient is right, and one training by [`Recipe`]. [`TrainedBaseline`] is any of them behind
 //! [`gnp_data::Predictor`]; only [`NeuralBaseline::PipInformed`] is ever handed a recorded future.
 
-mod augmented_view;
-mod cell;
 mod checkpoint;
 mod conv;
 mod cslstm;
@@ -22,11 +20,11 @@ mod manoeuvre;
 mod net;
 mod network;
 mod norm;
+mod oriented_view;
 mod pip;
 mod pooling;
 mod recipe;
 mod rows;
-mod sequence;
 mod slstm;
 mod stage;
 mod stdan;

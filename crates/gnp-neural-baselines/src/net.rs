@@ -5,11 +5,11 @@ use candle_nn::VarBuilder;
 use gnp_data::Truth;
 use tracing::debug;
 
-use crate::augmented_view::AugmentedView;
 use crate::cslstm::CsLstm;
 use crate::inputs::{Inputs, Past};
 use crate::kind::NeuralBaseline;
 use crate::network::{Ask, Network, Output};
+use crate::oriented_view::OrientedView;
 use crate::pip::{Pip, Plan, Scenes};
 use crate::recipe::Recipe;
 use crate::slstm::SLstm;
@@ -60,7 +60,7 @@ impl Net {
     /// The futures of `windows`; `truths` for the kind that is handed them, and for no other.
     pub(crate) fn forward(
         &self,
-        windows: &[AugmentedView<'_>],
+        windows: &[OrientedView<'_>],
         truths: Option<&[Truth<'_>]>,
         ask: Ask<'_>,
     ) -> Result<Output> {

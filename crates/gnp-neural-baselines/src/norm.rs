@@ -1,9 +1,8 @@
 //! Batch normalisation over the last dimension.
 
-use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, D, Layout, Result, Shape, Tensor, Var};
+use candle_core::{CpuStorage, CustomOp3, D, Layout, Result, Shape, Tensor, Var};
 use candle_nn::{Init, VarBuilder};
-
-use crate::rows::{add_row, slice, sum_rows};
+use gnp_nn::kernels::{add_rows, read, sum_rows, values};
 
 /// Normalises each channel by the batch in training, by running statistics otherwise. These are
 /// weights that no gradient moves.
@@ -39,12 +38,11 @@ impl BatchNorm {
         let x = x.contiguous()?;
         let rows = x.elem_count() / x.dim(D::Minus1)?.max(1);
         if x.device().is_cpu() {
-            let moments = x.detach().apply_op1_no_bwd(&Moments)?;
-            let (mean, variance) = (moments.get(0)?, moments.get(1)?);
-            self.remember(&mean, &variance, rows)?;
-            let deviation = (variance + EPSILON)?.sqrt()?.recip()?;
-            let op = Normalise { mean: mean.to_vec1()?, deviation: deviation.to_vec1()? };
-            return x.apply_op3(&self.weight, &self.bias, op);
+            let (mean, variance) = moments(&read(&x)?, rows);
+            let tensor = |values: &[f32]| Tensor::from_slice(values, values.len(), x.device());
+            let deviation = (tensor(&variance)? + EPSILON)?.sqrt()?.recip()?.to_vec1()?;
+            self.remember(&tensor(&mean)?, &tensor(&variance)?, rows)?;
+            return x.apply_op3(&self.weight, &self.bias, Normalise { mean, deviation });
         }
         let flat = x.reshape((rows, ()))?;
         let mean = flat.mean(0)?;
@@ -72,29 +70,18 @@ impl BatchNorm {
     }
 }
 
-/// Mean and variance of every channel, `[2, channels]`.
-#[derive(Debug)]
-struct Moments;
-
-impl CustomOp1 for Moments {
-    fn name(&self) -> &'static str {
-        "channel-moments"
-    }
-
-    fn cpu_fwd(&self, storage: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
-        let x = slice(storage, layout)?;
-        let channels = layout.shape().dims().last().copied().unwrap_or_default();
-        let rows = x.len() / channels.max(1);
-        let mut moments = sum_rows(rows, channels, |at, sums| add_row(sums, &x[at..at + channels]));
-        let scale = 1. / rows.max(1) as f32;
-        moments.iter_mut().for_each(|sum| *sum *= scale);
-        let squares = sum_rows(rows, channels, |at, sums| {
-            let row = x[at..at + channels].iter().zip(&moments);
-            sums.iter_mut().zip(row).for_each(|(sum, (x, mean))| *sum += (x - mean) * (x - mean));
-        });
-        moments.extend(squares.iter().map(|sum| sum * scale));
-        Ok((CpuStorage::F32(moments), (2, channels).into()))
-    }
+/// Mean and variance of every channel, each `[channels]`, of `x` `[rows, channels]`.
+fn moments(x: &[f32], rows: usize) -> (Vec<f32>, Vec<f32>) {
+    let (channels, scale) = (x.len() / rows.max(1), 1. / rows.max(1) as f32);
+    let row = |row: usize| &x[row * channels..][..channels];
+    let mut mean = sum_rows(rows, channels, |at, sums| add_rows(sums, row(at)));
+    mean.iter_mut().for_each(|sum| *sum *= scale);
+    let mut variance = sum_rows(rows, channels, |at, sums| {
+        let row = row(at).iter().zip(&mean);
+        sums.iter_mut().zip(row).for_each(|(sum, (x, mean))| *sum += (x - mean) * (x - mean));
+    });
+    variance.iter_mut().for_each(|sum| *sum *= scale);
+    (mean, variance)
 }
 
 /// Brings `x` to mean 0 and deviation 1 by channel, then to `bias` and `weight`; the moments are its own,
@@ -120,7 +107,7 @@ impl CustomOp3 for Normalise {
         s3: &CpuStorage,
         l3: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let (x, weight, bias) = (slice(s1, l1)?, slice(s2, l2)?, slice(s3, l3)?);
+        let (x, weight, bias) = (values(s1, l1)?, values(s2, l2)?, values(s3, l3)?);
         let scale: Vec<f32> = weight.iter().zip(&self.deviation).map(|(w, d)| w * d).collect();
         let shift: Vec<f32> = bias.iter().zip(self.mean.iter().zip(&scale)).map(|(b, (m, s))| b - m * s).collect();
         let mut y = Vec::with_capacity(x.len());
@@ -138,73 +125,31 @@ impl CustomOp3 for Normalise {
         _: &Tensor,
         grad: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
-        let (x, grad) = (x.detach(), grad.contiguous()?);
-        let back = Back { mean: self.mean.clone(), deviation: self.deviation.clone(), weight: weight.to_vec1()? };
-        let sums = x.apply_op2_no_bwd(&grad, &Sums(&back))?;
-        let dx = x.apply_op3_no_bwd(&grad, &sums, &back)?;
-        Ok((Some(dx), Some(sums.get(1)?), Some(sums.get(0)?)))
-    }
-}
-
-/// What the way back needs.
-#[derive(Debug)]
-struct Back {
-    mean: Vec<f32>,
-    deviation: Vec<f32>,
-    weight: Vec<f32>,
-}
-
-/// By channel, the sum of the gradient and of the gradient times the normalised value, `[2, channels]`.
-struct Sums<'a>(&'a Back);
-
-impl CustomOp2 for Sums<'_> {
-    fn name(&self) -> &'static str {
-        "batch-norm-sums"
-    }
-
-    fn cpu_fwd(&self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout) -> Result<(CpuStorage, Shape)> {
-        let (x, grad, Back { mean, deviation, .. }) = (slice(s1, l1)?, slice(s2, l2)?, self.0);
+        let Self { mean, deviation } = self;
+        let grad = grad.contiguous()?;
+        let (values, grad, scale) = (read(x)?, read(&grad)?, read(weight)?);
         let channels = mean.len();
-        let sums = sum_rows(x.len() / channels.max(1), 2 * channels, |at, sums| {
-            let at = at / 2;
-            let (x, grad) = (&x[at..at + channels], &grad[at..at + channels]);
+        let rows = values.len() / channels.max(1);
+        // By channel, the sum of the gradient and of the gradient times the normalised value.
+        let sums = sum_rows(rows, 2 * channels, |row, sums| {
+            let (x, grad) = (&values[row * channels..][..channels], &grad[row * channels..][..channels]);
             let (plain, bent) = sums.split_at_mut(channels);
             for c in 0..channels {
                 plain[c] += grad[c];
                 bent[c] += grad[c] * (x[c] - mean[c]) * deviation[c];
             }
         });
-        Ok((CpuStorage::F32(sums), (2, channels).into()))
-    }
-}
-
-impl CustomOp3 for Back {
-    fn name(&self) -> &'static str {
-        "batch-norm-adjoint"
-    }
-
-    fn cpu_fwd(
-        &self,
-        s1: &CpuStorage,
-        l1: &Layout,
-        s2: &CpuStorage,
-        l2: &Layout,
-        s3: &CpuStorage,
-        l3: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (x, grad, sums) = (slice(s1, l1)?, slice(s2, l2)?, slice(s3, l3)?);
-        let channels = self.mean.len();
-        let share = 1. / (x.len() / channels.max(1)).max(1) as f32;
-        let (plain, bent) = sums.split_at(channels);
-        let mut dx = vec![0f32; x.len()];
-        let rows = x.chunks_exact(channels.max(1)).zip(grad.chunks_exact(channels.max(1)));
-        for (dx, (x, grad)) in dx.chunks_exact_mut(channels.max(1)).zip(rows) {
+        let (share, (plain, bent)) = (1. / rows.max(1) as f32, sums.split_at(channels));
+        let mut dx = vec![0f32; values.len()];
+        let lines = values.chunks_exact(channels.max(1)).zip(grad.chunks_exact(channels.max(1)));
+        for (dx, (x, grad)) in dx.chunks_exact_mut(channels.max(1)).zip(lines) {
             for c in 0..channels {
-                let bend = (x[c] - self.mean[c]) * self.deviation[c] * bent[c];
-                dx[c] = self.weight[c] * self.deviation[c] * (grad[c] - share * (plain[c] + bend));
+                let bend = (x[c] - mean[c]) * deviation[c] * bent[c];
+                dx[c] = scale[c] * deviation[c] * (grad[c] - share * (plain[c] + bend));
             }
         }
-        Ok((CpuStorage::F32(dx), l1.shape().clone()))
+        let tensor = |values: &[f32]| Tensor::from_slice(values, channels, x.device()).map(Some);
+        Ok((Some(Tensor::from_vec(dx, x.shape(), x.device())?), tensor(bent)?, tensor(plain)?))
     }
 }
 

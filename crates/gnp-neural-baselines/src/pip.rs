@@ -9,10 +9,10 @@ mod scene;
 
 use candle_core::{Result, Tensor};
 use candle_nn::{Linear, Module, VarBuilder};
-use gnp_nn::linear;
+use gnp_nn::{Lstm, linear};
 
 use crate::conv::Conv;
-use crate::encoder::{DYNAMICS, Decoder, EMBEDDED, ENCODED, Recurrent, SLOPE, leaky, read};
+use crate::encoder::{DYNAMICS, Decoder, EMBEDDED, ENCODED, SLOPE, leaky, read};
 use crate::grid::{PLACE_COLUMNS, PLACE_ROWS};
 use crate::network::{Ask, MANOEUVRE, ManoeuvreHeads, Means, Network, Output, decode};
 use crate::pooling::{Window, max_pool};
@@ -28,10 +28,10 @@ const CODE: usize = SOCIAL + DYNAMICS;
 #[derive(Clone, Debug)]
 pub(crate) struct Pip {
     embed: Linear,
-    history: Recurrent,
+    history: Lstm,
     dynamics: Linear,
     around: Around,
-    plan: Option<(Recurrent, Around)>,
+    plan: Option<(Lstm, Around)>,
     fusion: Option<Fusion>,
     heads: ManoeuvreHeads,
     decoder: Decoder,
@@ -65,7 +65,7 @@ impl Pip {
     pub(crate) fn new(points: usize, plan: bool, fusion: bool, vb: &VarBuilder) -> Result<Self> {
         let plan = plan
             .then(|| {
-                let reader = Recurrent::new(EMBEDDED, ENCODED, vb.pp("plan"))?;
+                let reader = Lstm::new(EMBEDDED, ENCODED, vb.pp("plan"))?;
                 Ok::<_, candle_core::Error>((reader, Around::new(&vb.pp("plan_grid"))?))
             })
             .transpose()?;
@@ -73,7 +73,7 @@ impl Pip {
         Ok(Self {
             // A convolution over three points of a path is a linear layer on the three side by side.
             embed: linear(6, EMBEDDED, vb.pp("embed"))?,
-            history: Recurrent::new(EMBEDDED, ENCODED, vb.pp("encoder"))?,
+            history: Lstm::new(EMBEDDED, ENCODED, vb.pp("encoder"))?,
             dynamics: linear(ENCODED, DYNAMICS, vb.pp("dynamics"))?,
             around: Around::new(&vb.pp("history_grid"))?,
             plan,

@@ -3,9 +3,8 @@
 //! candle's own `max_pool2d` passes only a share of the gradient to a maximum, and fails for strides
 //! unlike the kernel. Tensors are channels-last here: `[batch, rows, columns, channels]`.
 
-use candle_core::{CpuStorage, CustomOp1, CustomOp3, Layout, Result, Shape, Tensor};
-
-use crate::rows::slice;
+use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor};
+use gnp_nn::kernels::{read, values};
 
 /// How a pool moves along one axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,7 +109,7 @@ impl CustomOp1 for Largest {
     }
 
     fn cpu_fwd(&self, storage: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
-        let (x, shape) = (slice(storage, layout)?, self.outputs(layout.shape())?);
+        let (x, shape) = (values(storage, layout)?, self.outputs(layout.shape())?);
         let channels = shape.dims4()?.3;
         let mut y = vec![f32::NEG_INFINITY; shape.elem_count()];
         for (y, window) in y.chunks_exact_mut(channels.max(1)).zip(self.windows(layout.shape())?) {
@@ -121,31 +120,14 @@ impl CustomOp1 for Largest {
         Ok((CpuStorage::F32(y), shape))
     }
 
-    fn bwd(&self, x: &Tensor, res: &Tensor, grad: &Tensor) -> Result<Option<Tensor>> {
-        Ok(Some(x.detach().apply_op3_no_bwd(&res.detach(), &grad.contiguous()?, self)?))
-    }
-}
-
-impl CustomOp3 for Largest {
-    fn name(&self) -> &'static str {
-        "max-pool-adjoint"
-    }
-
-    fn cpu_fwd(
-        &self,
-        s1: &CpuStorage,
-        l1: &Layout,
-        s2: &CpuStorage,
-        l2: &Layout,
-        s3: &CpuStorage,
-        l3: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (x, y, grad) = (slice(s1, l1)?, slice(s2, l2)?, slice(s3, l3)?);
-        let channels = l1.shape().dims4()?.3;
+    fn bwd(&self, input: &Tensor, res: &Tensor, grad: &Tensor) -> Result<Option<Tensor>> {
+        let (shape, grad) = (input.shape(), grad.contiguous()?);
+        let (x, y, grad) = (read(input)?, read(res)?, read(&grad)?);
+        let channels = shape.dims4()?.3;
         let mut dx = vec![0f32; x.len()];
         let mut left = vec![0f32; channels];
         let rows = y.chunks_exact(channels.max(1)).zip(grad.chunks_exact(channels.max(1)));
-        for ((y, grad), window) in rows.zip(self.windows(l1.shape())?) {
+        for ((y, grad), window) in rows.zip(self.windows(shape)?) {
             left.copy_from_slice(grad);
             for at in window {
                 let (x, dx) = (&x[at..at + channels], &mut dx[at..at + channels]);
@@ -157,7 +139,7 @@ impl CustomOp3 for Largest {
                 }
             }
         }
-        Ok((CpuStorage::F32(dx), l1.shape().clone()))
+        Tensor::from_vec(dx, shape, input.device()).map(Some)
     }
 }
 

@@ -1,41 +1,9 @@
 //! What candle does slowly on the CPU to rows of values: bias and rectifier as one operation whose
 //! gradient adds up rows in memory order. candle's own sum over rows divides indices for every value.
 
-use candle_core::{CpuStorage, CustomOp1, CustomOp2, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor};
 use candle_nn::Linear;
-use rayon::prelude::*;
-
-/// Rows that are added up before they join the sum: fixed, so that the result does not depend on
-/// threads, and small, so that little of a long sum is rounded away.
-const BLOCK: usize = 256;
-
-/// The values of a contiguous tensor on the CPU.
-pub(crate) fn slice<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
-    let (from, to) =
-        layout.contiguous_offsets().ok_or_else(|| candle_core::Error::msg("an operation on rows: not contiguous"))?;
-    Ok(&storage.as_slice::<f32>()?[from..to])
-}
-
-/// Sum of each of `columns` columns over all rows of `term`, which is given the index of a row's first
-/// value and adds the row to the sums.
-pub(crate) fn sum_rows(rows: usize, columns: usize, term: impl Fn(usize, &mut [f32]) + Sync) -> Vec<f32> {
-    let block = |first: usize| {
-        let mut sums = vec![0f32; columns];
-        (first..rows.min(first + BLOCK)).for_each(|row| term(row * columns, &mut sums));
-        sums
-    };
-    let blocks: Vec<Vec<f32>> = (0..rows).into_par_iter().step_by(BLOCK).map(block).collect();
-    let mut all = vec![0f32; columns];
-    for block in &blocks {
-        all.iter_mut().zip(block).for_each(|(sum, more)| *sum += more);
-    }
-    all
-}
-
-/// `values + more`, value by value.
-pub(crate) fn add_row(sums: &mut [f32], row: &[f32]) {
-    sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
-}
+use gnp_nn::kernels::{add_rows, read, sum_rows, values};
 
 /// `layer` on the last dimension of `x`, then a rectifier: see [`rectified`].
 pub(crate) fn dense(layer: &Linear, x: &Tensor, slope: f32) -> Result<Tensor> {
@@ -77,7 +45,7 @@ impl CustomOp2 for Rectified {
     }
 
     fn cpu_fwd(&self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout) -> Result<(CpuStorage, Shape)> {
-        let (x, bias, slope) = (slice(s1, l1)?, slice(s2, l2)?, self.slope);
+        let (x, bias, slope) = (values(s1, l1)?, values(s2, l2)?, self.slope);
         let mut y = Vec::with_capacity(x.len());
         for row in x.chunks_exact(bias.len().max(1)) {
             y.extend(row.iter().zip(bias).map(|(x, bias)| {
@@ -89,47 +57,14 @@ impl CustomOp2 for Rectified {
     }
 
     fn bwd(&self, _: &Tensor, bias: &Tensor, res: &Tensor, grad: &Tensor) -> Result<(Option<Tensor>, Option<Tensor>)> {
-        let grad = grad.contiguous()?;
-        let dx =
-            if self.slope == 1. { grad } else { grad.apply_op2_no_bwd(&res.detach(), &Below { slope: self.slope })? };
-        let dbias = dx.apply_op1_no_bwd(&Columns(bias.elem_count()))?;
-        Ok((Some(dx), Some(dbias)))
-    }
-}
-
-/// A gradient times the rectifier's slope at a result.
-#[derive(Debug)]
-struct Below {
-    slope: f32,
-}
-
-impl CustomOp2 for Below {
-    fn name(&self) -> &'static str {
-        "rectified-rows-adjoint"
-    }
-
-    fn cpu_fwd(&self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout) -> Result<(CpuStorage, Shape)> {
-        let (grad, y, slope) = (slice(s1, l1)?, slice(s2, l2)?, self.slope);
+        let (grad, slope, columns) = (grad.contiguous()?, self.slope, bias.elem_count());
+        let (values, y) = (read(&grad)?, read(res)?);
         // A slope of 0 or more keeps the side.
-        let dx = grad.iter().zip(y).map(|(grad, y)| if *y > 0. { *grad } else { slope * grad }).collect();
-        Ok((CpuStorage::F32(dx), l1.shape().clone()))
-    }
-}
-
-/// Sums of this many columns.
-#[derive(Debug)]
-struct Columns(usize);
-
-impl CustomOp1 for Columns {
-    fn name(&self) -> &'static str {
-        "sum-rows"
-    }
-
-    fn cpu_fwd(&self, storage: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
-        let (values, columns) = (slice(storage, layout)?, self.0.max(1));
-        let row = |at: usize, sums: &mut [f32]| add_row(sums, &values[at..at + columns]);
-        let sums = sum_rows(values.len() / columns, columns, row);
-        Ok((CpuStorage::F32(sums), self.0.into()))
+        let dx: Vec<f32> = values.iter().zip(&*y).map(|(grad, y)| if *y > 0. { *grad } else { slope * grad }).collect();
+        let rows = dx.len() / columns.max(1);
+        let dbias = sum_rows(rows, columns, |row, sums| add_rows(sums, &dx[row * columns..][..columns]));
+        let tensor = |values, of: &Tensor| Tensor::from_vec(values, of.shape(), of.device()).map(Some);
+        Ok((tensor(dx, res)?, tensor(dbias, bias)?))
     }
 }
 
@@ -145,9 +80,10 @@ mod tests {
             let values: Vec<f32> = (0..count).map(|i| (from + 1.7 * i as f32).sin()).collect();
             Var::from_tensor(&Tensor::from_vec(values, shape, &Device::Cpu).unwrap()).unwrap()
         };
-        // More rows than a block has.
-        let (x, bias) = (numbers(&[2 * BLOCK + 3, 5], 0.2), numbers(&[5], 1.1));
-        let upstream = numbers(&[2 * BLOCK + 3, 5], 2.3);
+        // More rows than are added up at once.
+        const ROWS: usize = 515;
+        let (x, bias) = (numbers(&[ROWS, 5], 0.2), numbers(&[5], 1.1));
+        let upstream = numbers(&[ROWS, 5], 2.3);
         for slope in [0., 0.1, 1.] {
             let of = |y: Tensor| {
                 let grads = (&y * upstream.as_tensor()).unwrap().sum_all().unwrap().backward().unwrap();

@@ -8,12 +8,12 @@ use gnp_data::{Truth, Window, WindowId, WindowSet};
 use gnp_nn::Weights;
 use gnp_train::{BatchTotals, EpochReport, Observer, Plan, Stage, TrainError, derive_seed};
 
-use crate::augmented_view::{AugmentedView, Side};
 use crate::gauss::mixture_nll;
 use crate::kind::NeuralBaseline;
 use crate::manoeuvre::{LATERAL, Manoeuvre};
 use crate::net::Net;
 use crate::network::{Ask, Classes, Output, one_hot};
+use crate::oriented_view::{Orientation, OrientedView};
 use crate::recipe::{ClassLoss, Recipe};
 
 /// Trains a network by its [`Recipe`].
@@ -64,20 +64,22 @@ impl<'a> RecipeStage<'a> {
     }
 
     /// The windows at the indices `batch` of `ids`, as the network is to see them.
-    fn seen(&self, windows: &[Window<'a>], sides: &[Side]) -> Vec<AugmentedView<'a>> {
-        let seen =
-            |(window, side): (&Window<'a>, &Side)| AugmentedView { observation: window.observation(), side: *side };
+    fn seen(&self, windows: &[Window<'a>], sides: &[Orientation]) -> Vec<OrientedView<'a>> {
+        let seen = |(window, side): (&Window<'a>, &Orientation)| OrientedView {
+            observation: window.observation(),
+            side: *side,
+        };
         windows.iter().zip(sides).map(seen).collect()
     }
 
-    fn forward(&self, windows: &[Window<'_>], sides: &[Side], ask: Ask<'_>) -> candle_core::Result<Output> {
+    fn forward(&self, windows: &[Window<'_>], sides: &[Orientation], ask: Ask<'_>) -> candle_core::Result<Output> {
         let truths: Option<Vec<Truth<'_>>> =
             self.kind.uses_future().then(|| windows.iter().map(Window::truth).collect());
         self.net.forward(&self.seen(windows, sides), truths.as_deref(), ask)
     }
 
     /// Where the windows really went, `[windows, 1, points, 2]`.
-    fn futures(&self, windows: &[Window<'_>], sides: &[Side]) -> candle_core::Result<Tensor> {
+    fn futures(&self, windows: &[Window<'_>], sides: &[Orientation]) -> candle_core::Result<Tensor> {
         let truths = windows.iter().map(Window::truth).zip(sides.iter().copied());
         self.net.inputs.futures(truths, self.net.device())?.unsqueeze(1)
     }
@@ -113,10 +115,10 @@ impl<'a> RecipeStage<'a> {
 const FOOT: f64 = 0.3048;
 
 /// Which side is left in a training window, mirrored with probability `share`; `seed` is its own.
-fn drawn(share: f64, seed: u64) -> Side {
+fn drawn(share: f64, seed: u64) -> Orientation {
     // The upper 53 bits are a number from 0 to below 1.
     let uniform = (seed >> 11) as f64 / (1u64 << 53) as f64;
-    if uniform < share { Side::Mirrored } else { Side::Recorded }
+    if uniform < share { Orientation::Mirrored } else { Orientation::Recorded }
 }
 
 /// Keeps logarithms of probabilities finite, and gradients where a class has died out.
@@ -154,10 +156,10 @@ impl Stage for RecipeStage<'_> {
 
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
         let windows = self.windows(self.train, batch)?;
-        let sides: Vec<Side> =
+        let sides: Vec<Orientation> =
             (0..batch.len()).map(|i| drawn(self.recipe.mirror, derive_seed(step_seed, i as u64))).collect();
         let clock = self.net.inputs.clock;
-        let manoeuvre = |(window, side): (&Window<'_>, &Side)| {
+        let manoeuvre = |(window, side): (&Window<'_>, &Orientation)| {
             let recorded = Manoeuvre::of(window, clock);
             Manoeuvre { lateral: side.lateral(recorded.lateral), ..recorded }
         };
@@ -181,7 +183,7 @@ impl Stage for RecipeStage<'_> {
 
     fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
         let windows = self.windows(self.validation, batch)?;
-        let sides = vec![Side::Recorded; windows.len()];
+        let sides = vec![Orientation::Recorded; windows.len()];
         let output = self.forward(&windows, &sides, Ask::Predict)?;
         let truth = self.futures(&windows, &sides)?;
         let unit = f64::from(self.net.inputs.unit_m);

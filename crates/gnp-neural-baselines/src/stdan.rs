@@ -7,9 +7,8 @@ mod tests;
 
 use candle_core::{D, DType, Result, Tensor};
 use candle_nn::{Module, VarBuilder};
-use gnp_nn::{LayerNorm, Linear, layer_norm, linear};
+use gnp_nn::{LayerNorm, Linear, Lstm, layer_norm, linear};
 
-use crate::encoder::Recurrent;
 use crate::gauss::Gaussians;
 use crate::grid::LANE_CELLS;
 use crate::inputs::Past;
@@ -66,7 +65,7 @@ pub(crate) struct Stdan {
     sizes: StdanSizes,
     masked: bool,
     embedding: Linear,
-    encoder: Recurrent,
+    encoder: Lstm,
     social: Social,
     social_gate: Gate,
     temporal: Temporal,
@@ -76,7 +75,7 @@ pub(crate) struct Stdan {
     intention: Intention,
     fusion: Fusion,
     input: Linear,
-    decoder: Recurrent,
+    decoder: Lstm,
     head: Linear,
 }
 
@@ -97,7 +96,7 @@ impl Stdan {
             sizes,
             masked,
             embedding: linear(FEATURES, sizes.embedding, vb.pp("embedding"))?,
-            encoder: Recurrent::new(sizes.embedding, hidden, vb.pp("encoder"))?,
+            encoder: Lstm::new(sizes.embedding, hidden, vb.pp("encoder"))?,
             social: Social::new(sizes, masked, vb.pp("social"))?,
             social_gate: Gate::new(wide, hidden, vb.pp("social_gate"))?,
             temporal: Temporal::new(sizes, vb.pp("temporal"))?,
@@ -106,7 +105,7 @@ impl Stdan {
             intention: Intention::new(sizes, vb.pp("intention"))?,
             fusion: Fusion::new(sizes, vb.pp("fusion"))?,
             input: linear(hidden + 2 * MANOEUVRES, hidden, vb.pp("input"))?,
-            decoder: Recurrent::new(hidden, hidden, vb.pp("decoder"))?,
+            decoder: Lstm::new(hidden, hidden, vb.pp("decoder"))?,
             head: linear(hidden, 5, vb.pp("head"))?,
         })
     }

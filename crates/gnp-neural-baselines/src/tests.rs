@@ -9,10 +9,10 @@ use gnp_data::{Forecast, OraclePredictor, Predictor, Recording, Window, WindowId
 use gnp_nn::Weights;
 use gnp_train::{BatchReport, Observer, Stage, TrainError};
 
-use crate::augmented_view::{AugmentedView, Side};
 use crate::learned::inputs;
 use crate::net::Net;
 use crate::network::Ask;
+use crate::oriented_view::{Orientation, OrientedView};
 use crate::stage::{RecipeStage, is_statistic};
 use crate::{ClassLoss, NeuralBaseline, NeuralBaselineError, Recipe, TrainedBaseline, Training};
 
@@ -138,11 +138,11 @@ fn a_mirrored_window_is_a_window_of_the_mirrored_road() {
     let (plain, mirrored) = (road::plain(), road::mirrored());
     let window = |recording| Window::new(recording, road::shape(), 4, 4 * 70 + 30).unwrap();
     let (plain, mirrored) = (window(&plain), window(&mirrored));
-    let turned = AugmentedView { observation: plain.observation(), side: Side::Mirrored };
-    let recorded = AugmentedView::recorded(&mirrored.observation());
+    let turned = OrientedView { observation: plain.observation(), side: Orientation::Mirrored };
+    let recorded = OrientedView::recorded(&mirrored.observation());
     for kind in TRAINED.into_iter().chain([NeuralBaseline::Stdan]) {
         with_stage(kind, &recipe(), 0, |stage| {
-            let means = |seen: AugmentedView<'_>, window: Window<'_>| {
+            let means = |seen: OrientedView<'_>, window: Window<'_>| {
                 let truths = kind.uses_future().then(|| [window.truth()]);
                 let truths = truths.as_ref().map(|truths| truths.as_slice());
                 let output = stage.net.forward(&[seen], truths, Ask::Predict).unwrap();
@@ -151,16 +151,16 @@ fn a_mirrored_window_is_a_window_of_the_mirrored_road() {
             let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
             let (turned, recorded) = (means(turned, plain), means(recorded, mirrored));
             assert!(close(&turned, &recorded), "{kind:?}");
-            assert!(!close(&turned, &means(AugmentedView::recorded(&plain.observation()), plain)), "{kind:?}");
+            assert!(!close(&turned, &means(OrientedView::recorded(&plain.observation()), plain)), "{kind:?}");
             let inputs = stage.net.inputs;
             let futures = |window: Window<'_>, side| {
                 let futures = inputs.futures([(window.truth(), side)].into_iter(), &Device::Cpu).unwrap();
                 futures.flatten_all().unwrap().to_vec1::<f32>().unwrap()
             };
-            assert!(close(&futures(plain, Side::Mirrored), &futures(mirrored, Side::Recorded)));
+            assert!(close(&futures(plain, Orientation::Mirrored), &futures(mirrored, Orientation::Recorded)));
         });
     }
-    assert_eq!([0, 1, 2].map(|class| Side::Mirrored.lateral(class)), [0, 2, 1]);
+    assert_eq!([0, 1, 2].map(|class| Orientation::Mirrored.lateral(class)), [0, 2, 1]);
 }
 
 #[test]

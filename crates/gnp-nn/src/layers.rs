@@ -1,7 +1,9 @@
-//! Linear, layer norm, multi-layer perceptron and LSTM cell, initialised as PyTorch does.
+//! Linear, layer norm and multi-layer perceptron, initialised as PyTorch does.
 
 use candle_core::{D, Result, Tensor};
 use candle_nn::{Init, Module, VarBuilder};
+
+use crate::kernels::NORM_EPSILON;
 
 /// An affine map; its weight is `[out, in]` and its bias `[out]`, as PyTorch stores them.
 pub use candle_nn::Linear;
@@ -17,7 +19,7 @@ pub fn linear(input: usize, output: usize, vb: VarBuilder) -> Result<Linear> {
     Ok(Linear::new(weight, Some(bias)))
 }
 
-fn uniform(fan_in: usize) -> Init {
+pub(crate) fn uniform(fan_in: usize) -> Init {
     let bound = 1. / (fan_in.max(1) as f64).sqrt();
     Init::Uniform { lo: -bound, up: bound }
 }
@@ -49,9 +51,8 @@ impl LayerNorm {
 
 impl Module for LayerNorm {
     fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        const EPSILON: f64 = 1e-5;
         let x = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
-        let deviation = (x.sqr()?.mean_keepdim(D::Minus1)? + EPSILON)?.sqrt()?;
+        let deviation = (x.sqr()?.mean_keepdim(D::Minus1)? + NORM_EPSILON)?.sqrt()?;
         x.broadcast_div(&deviation)?.broadcast_mul(&self.weight)?.broadcast_add(&self.bias)
     }
 }
@@ -97,72 +98,10 @@ impl Module for Mlp {
     }
 }
 
-/// An LSTM cell with PyTorch's names (`weight_ih`, `weight_hh`, `bias_ih`, `bias_hh`), gate order
-/// (input, forget, cell, output) and initialisation (uniform in `+-1/sqrt(hidden)`).
-#[derive(Clone, Debug)]
-pub struct Lstm {
-    weight_ih: Tensor,
-    weight_hh: Tensor,
-    bias_ih: Tensor,
-    bias_hh: Tensor,
-    hidden: usize,
-}
-
-/// What an [`Lstm`] carries from step to step.
-#[derive(Clone, Debug)]
-pub struct LstmState {
-    /// Output, `[batch, hidden]`.
-    pub h: Tensor,
-    /// Cell, `[batch, hidden]`.
-    pub c: Tensor,
-}
-
-impl Lstm {
-    /// A cell of `hidden` units on `input` values.
-    ///
-    /// # Errors
-    /// When `vb` holds weights of another shape under these names.
-    pub fn new(input: usize, hidden: usize, vb: VarBuilder) -> Result<Self> {
-        let init = uniform(hidden);
-        Ok(Self {
-            weight_ih: vb.get_with_hints((4 * hidden, input), "weight_ih", init)?,
-            weight_hh: vb.get_with_hints((4 * hidden, hidden), "weight_hh", init)?,
-            bias_ih: vb.get_with_hints(4 * hidden, "bias_ih", init)?,
-            bias_hh: vb.get_with_hints(4 * hidden, "bias_hh", init)?,
-            hidden,
-        })
-    }
-
-    /// One step on `x` `[batch, input]`; no state means zeros.
-    ///
-    /// # Errors
-    /// When a shape differs from the cell's.
-    pub fn step(&self, x: &Tensor, state: Option<&LstmState>) -> Result<LstmState> {
-        let mut gates = x.matmul(&self.weight_ih.t()?)?.broadcast_add(&(&self.bias_ih + &self.bias_hh)?)?;
-        if let Some(state) = state {
-            gates = (gates + state.h.matmul(&self.weight_hh.t()?)?)?;
-        }
-        let gate = |i: usize| gates.narrow(D::Minus1, i * self.hidden, self.hidden)?.contiguous();
-        let fresh = (candle_nn::ops::sigmoid(&gate(0)?)? * gate(2)?.tanh()?)?;
-        let c = match state {
-            Some(state) => (fresh + (candle_nn::ops::sigmoid(&gate(1)?)? * &state.c)?)?,
-            None => fresh,
-        };
-        let h = (candle_nn::ops::sigmoid(&gate(3)?)? * c.tanh()?)?;
-        Ok(LstmState { h, c })
-    }
-
-    /// Number of hidden units.
-    #[must_use]
-    pub fn hidden(&self) -> usize {
-        self.hidden
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Weights;
+    use crate::{Lstm, Weights};
     use candle_core::{Device, Var};
 
     /// Every gradient of `f` with respect to `x` and `weights` against a central difference.

@@ -1,4 +1,5 @@
-//! What both networks of GNP share: seeded, named weights and layers whose gradients are tested.
+//! What all networks share: seeded, named weights, layers whose gradients are tested, and the
+//! [`kernels`] on the CPU that fused networks are made of.
 //!
 //! candle's own `layer_norm` and `softmax_last_dim` pass no gradient, and its CPU generator cannot
 //! be seeded; the layers here pass every gradient, and [`Weights`] draws each weight from its own
@@ -15,16 +16,17 @@
 //! # Ok::<(), candle_core::Error>(())
 //! ```
 
-mod activation;
 mod checkpoint;
 mod dropout;
+pub mod kernels;
 mod layers;
+mod lstm;
 mod weights;
 
-pub use crate::activation::{exp, sigmoid, tanh};
 pub use crate::checkpoint::Checkpoint;
 pub use crate::dropout::{Dropout, DropoutMask};
-pub use crate::layers::{LayerNorm, Linear, Lstm, LstmState, Mlp, layer_norm, linear};
+pub use crate::layers::{LayerNorm, Linear, Mlp, layer_norm, linear};
+pub use crate::lstm::{Lstm, LstmState};
 pub use crate::weights::Weights;
 
 // Only to switch on AVX-512 in the matrix products that candle makes.

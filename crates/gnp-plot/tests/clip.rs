@@ -41,7 +41,7 @@ fn recording() -> Recording {
         lane: vec![1; rows],
         neighbours,
     };
-    let tracks = vec![track(9, VehicleClass::Truck, 0..50), track(4, VehicleClass::Car, 50..70)];
+    let tracks = vec![track(9, VehicleClass::Truck, 0..50), track(14, VehicleClass::Car, 50..70)];
     Recording::from_parts(meta, vec![road(1, 50.), road(2, 0.)], tracks, columns).unwrap()
 }
 
@@ -71,7 +71,7 @@ fn a_clip_is_in_the_road_frame() {
     assert_eq!(clip.lines.iter().map(|line| line.y).collect::<Vec<_>>(), [0., 4.]);
     let [truck, car] = &clip.vehicles[..] else { panic!("{:?}", clip.vehicles) };
     assert_eq!((truck.id, truck.class, truck.evaluated, truck.size), (9, VehicleClass::Truck, true, [11., 2.5]));
-    assert_eq!((car.id, car.evaluated), (4, false));
+    assert_eq!((car.id, car.evaluated), (14, false));
     // Shown are 37, 40, 43, ...: the truck is there from 40 to 82, the car to 58.
     assert_eq!(truck.states[0], TimedState { frame: 40, centre: [4., 0.], velocity: [2.5, 0.] });
     assert_eq!(truck.states[3], TimedState { frame: 49, centre: [4.9, 9.], velocity: [2.5, 2.25] });

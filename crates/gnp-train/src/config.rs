@@ -93,7 +93,7 @@ impl TrainConfig {
 mod tests {
     use super::*;
 
-    const GOOD: &str = "epochs = 7\nbatch = 3\nepoch_windows = 0\nsite_balance = 0.0\nlearning_rate = 1e-4\nschedule = { kind = \"constant\" }\n\
+    const GOOD: &str = "epochs = 7\nbatch = 3\nepoch_windows = 0\nsite_sampling_exponent = 0.0\nlearning_rate = 1e-4\nschedule = { kind = \"constant\" }\n\
                         weight_decay = 0.0\nclip_norm = 1.0\npatience = 2\nseed = 5\n";
 
     fn parse(text: &str) -> Result<TrainConfig, String> {

@@ -4,7 +4,7 @@
 //! synchronising them. Here the windows are cut into chunks, and each thread carries a chunk through
 //! all steps by itself:
 //!
-//! - All weights are one flat vector (`layout`), packed once a call for the products (`matmul`).
+//! - All weights are one flat vector (`layout`), packed once a call for the products of [`gnp_nn::kernels`].
 //! - `forward` runs the networks (`history_encoder`, `head`, `mlp`) and the physics of `gnp_force` step by step;
 //!   what `backward` needs stays in the buffers of a tape, and without a gradient nothing stays.
 //! - Empty slots and lines are left out rather than masked, and the history is taken in once a window.
@@ -14,24 +14,22 @@
 //! Widths are padded to whole cache lines with zeros in the weights, so that padding stays zero or is
 //! multiplied by zero throughout.
 
-mod aligned;
 mod backward;
 mod batch;
-mod elementwise;
 mod forward;
 mod head;
 mod history_encoder;
 mod layout;
-mod matmul;
 mod mlp;
+mod trace;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use candle_core::{CpuStorage, CustomOp3, DType, Device, Layout as Strides, Result, Shape, Tensor};
 use gnp_force::TermDescriptor;
+use gnp_nn::kernels::Pool;
 use rayon::prelude::*;
 
-use self::aligned::Pool;
 use self::backward::InputGradient;
 use self::batch::{Batch, Chunk};
 use self::forward::{Outcome, Record, Tape};

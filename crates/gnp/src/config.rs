@@ -267,6 +267,31 @@ mod tests {
         assert!(message.contains("`data.epoch`"), "{message}");
     }
 
+    /// Keys of earlier versions, in a file and on the command line.
+    #[test]
+    fn a_renamed_key_names_the_new_one() {
+        for (before, now) in [
+            ("goal.nobody", "goal.null_token"),
+            ("goal.slot_code", "goal.slot_embedding"),
+            ("attraction.stretch", "attraction.longitudinal_scale"),
+            ("features.following_hint", "features.car_following_features"),
+            ("repulsion.site_balance", "repulsion.site_sampling_exponent"),
+            ("traj.code", "traj.latent_dim"),
+            ("evaluate.part", "evaluate.subset"),
+        ] {
+            let set = RunConfig::parse(REFERENCE, &[format!("{before}=1").parse().unwrap()]).unwrap_err().chain();
+            assert!(set.contains(&format!("`{before}` is now called `{now}`")), "{set}");
+            let (table, last) = before.split_once('.').unwrap();
+            let key = now.rsplit('.').next().unwrap();
+            let text = REFERENCE.replacen(&format!("[{table}]"), &format!("[ {table} ]"), 1);
+            let start = text.find(&format!("[ {table} ]")).unwrap();
+            let text =
+                text[..start].to_owned() + &text[start..].replacen(&format!("\n{key} ="), &format!("\n{last} ="), 1);
+            let file = RunConfig::parse(&text, &[]).unwrap_err().chain();
+            assert!(file.contains(&format!("`{before}` is now called `{now}`")), "{file}");
+        }
+    }
+
     #[test]
     fn settings_are_checked() {
         let parse = |text: &str| RunConfig::parse(REFERENCE, &[text.parse().unwrap()]);

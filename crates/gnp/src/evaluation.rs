@@ -3,15 +3,18 @@
 
 mod predictions;
 mod recordings;
+pub(crate) mod rules;
 pub(crate) mod systems;
 
 use std::fmt::Write as _;
 use std::path::Path;
 
+use gnp_baselines::{RULES, Rule};
 use gnp_data::{Predictor as _, Split, SplitConfig, Subset, Window, WindowId, WindowSet};
 use gnp_eval::{
     Bootstrap, Comparison, EvalConfig, EvalError, EvaluatedModel, Evaluation, PredictionWriter, Provenance, Score,
-    Table, TableHead, comparison_tables, csv, save_comparisons, save_scores, tables,
+    Summary, SummaryModels, Table, TableHead, comparison_tables, csv, load_comparisons, load_scores, save_comparisons,
+    save_scores, tables,
 };
 
 pub use self::predictions::{PredictionsOn, score_predictions};
@@ -20,8 +23,9 @@ use self::systems::System;
 use crate::config::RunConfig;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
+use crate::progress::Progress;
 use crate::run::Run;
-use crate::run::folder::{DataState, write};
+use crate::run::folder::{DataState, Stage, write};
 use crate::stages::kinds;
 
 /// Windows to score on.
@@ -54,16 +58,31 @@ impl Scores {
         let scores = evaluation.scores(bootstrap);
         let differences = evaluation.comparisons(ours, bootstrap)?;
         let head = TableHead { split, rate_hz: evaluation.setting().rate_hz };
-        let mut tables = tables(&scores, &head);
-        tables.extend(comparison_tables(&differences, &head));
-        Ok(Self { scores, differences, tables })
+        Ok(Self::new(scores, differences, &head))
     }
 
     /// Shows the tables that a terminal has room for.
-    pub(crate) fn show(&self, machine: &Machine) {
+    pub fn show(&self, progress: &dyn Progress) {
         for table in self.tables.iter().filter(|table| !table.detail) {
-            machine.progress.result(&format!("\n{}", table.terminal()));
+            progress.result(&format!("\n{}", table.terminal()));
         }
+    }
+
+    /// One sentence and one short table: the model, constant velocity and the best rule, by site. `None` where the
+    /// model was not scored under the protocol `clean`.
+    #[must_use]
+    pub fn summary(&self) -> Option<Summary> {
+        let model = self.differences.first().map(|difference| difference.a.as_str())?;
+        let label = if model.starts_with("gnp") { model.replacen("gnp", "GNP", 1) } else { model.to_owned() };
+        let rules: Vec<&str> = RULES.iter().map(Rule::name).collect();
+        let models = SummaryModels { model, label: &label, reference: "constant velocity", rules: &rules };
+        Summary::of(&self.scores, &self.differences, &models)
+    }
+
+    fn new(scores: Vec<Score>, differences: Vec<Comparison>, head: &TableHead) -> Self {
+        let mut tables = tables(&scores, head);
+        tables.extend(comparison_tables(&differences, head));
+        Self { scores, differences, tables }
     }
 
     /// All tables under a heading.
@@ -126,12 +145,27 @@ pub(crate) fn evaluate(
 pub(crate) fn own(run: &Run) -> Result<()> {
     let set = run.windows()?;
     let split = run.split(&set)?;
-    let ids = split.subset(run.config.evaluate.subset);
-    let material = Material { set: &set, ids, split: split_description(run, &split), data: &run.folder.state.data };
+    let (ids, data) = (split.subset(run.config.evaluate.subset), &run.folder.state.data);
+    let material = Material { set: &set, ids, split: split_description(run, &split), data };
     of_run(run, &material, run.path()).map(|_| ())
 }
 
-/// How the windows of a run were parted, and what must be said of that.
+impl Run {
+    /// The scores of a finished run on its own windows, as they were written.
+    ///
+    /// # Errors
+    /// When the run has no scores, or a file of them is damaged.
+    pub fn scores(&self) -> Result<Scores> {
+        self.folder.require(Stage::Report)?;
+        let scores = load_scores(&self.folder.path("metrics.json"))?;
+        let differences = load_comparisons(&self.folder.path("differences.json"))?;
+        let set = self.windows()?;
+        let head = TableHead { split: split_description(self, &self.split(&set)?), rate_hz: set.shape().rate_hz };
+        Ok(Scores::new(scores, differences, &head))
+    }
+}
+
+/// How the windows of a run were parted, and which of them are scored.
 pub(crate) fn split_description(run: &Run, split: &Split) -> String {
     format!("{}{}{}", kinds(split.kinds()), fold(&run.config.split), remarks(split, run.config.evaluate.subset))
 }
@@ -155,7 +189,7 @@ fn of_run(run: &Run, material: &Material<'_>, out: &Path) -> Result<Scores> {
     let gnp = run.model()?;
     let ours = gnp.name().to_owned();
     let mut systems = vec![System::predictor(&ours, gnp.clone()), System::predictor("goal head", gnp.goal_head())];
-    systems.extend(systems::rules());
+    systems.extend(rules::systems(run)?);
     if config.predict.neighbours.uses_future() {
         systems.push(System::oracle("gnp (oracle neighbours)", gnp.oracle()));
     }
@@ -163,8 +197,6 @@ fn of_run(run: &Run, material: &Material<'_>, out: &Path) -> Result<Scores> {
     let scores = Scores::of(&evaluation, &ours, material.split.clone(), &config.evaluate.bootstrap)?;
     write_predictions(run, material, out)?;
     scores.save(out, &heading(material, config))?;
-    run.result(&format!("\nScored on {}", material.data.description));
-    scores.show(&run.machine);
     Ok(scores)
 }
 

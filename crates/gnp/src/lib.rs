@@ -4,6 +4,33 @@
 //! split, intention modes, weights, forecasts with their forces, scores, figures and a report. [`Plan`] starts one or
 //! goes on with one; a [`Machine`] says on which device, who sees the progress ([`Progress`]) and how the work is
 //! stopped ([`Stop`]). Nothing here prints or reads a command line; the program `gnp` does.
+//!
+//! Train on the scenes that come with the project, load the model, predict, evaluate:
+//!
+//! ```
+//! use gnp::{Machine, Plan, Run, RunConfig, Stage};
+//! use gnp_data::Predictor as _;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let folder = tempfile::tempdir()?;
+//! # let out = folder.path().join("run");
+//! let config = RunConfig::embedded("smoke", &["data.max_recordings=3".parse()?])?;
+//! Plan::new(config, None, &out).begin(&Machine::default())?.train()?;
+//!
+//! let mut run = Run::open(&out, &Machine::default())?;
+//! let (model, set) = (run.model()?, run.windows()?);
+//! let windows: Vec<_> = run.split(&set)?.test().iter().filter_map(|id| set.get(*id)).collect();
+//! let seen: Vec<_> = windows.iter().map(|window| window.observation()).collect();
+//! let forecasts = model.predict(&seen, 6)?; // likeliest first, in m from where each vehicle is
+//! # assert_eq!(forecasts.len(), windows.len());
+//! # drop(windows);
+//! # drop(set);
+//!
+//! run.perform(Stage::Evaluate)?;
+//! println!("{}", run.scores()?.summary().ok_or("no scores")?.sentence());
+//! # Ok(())
+//! # }
+//! ```
 
 mod config;
 mod data;

@@ -6,16 +6,13 @@ mod replay;
 use std::path::PathBuf;
 
 use gnp_data::Split;
-use gnp_eval::{
-    Comparison, Protocol, Score, Summary, SummaryModels, Table, TableHead, comparison_tables, load_comparisons,
-    load_scores, tables,
-};
+use gnp_eval::{Comparison, Protocol, Score, Table, TableHead, comparison_tables, tables};
 use gnp_plot::{Figure, Report, ReportCell, ReportSection, ReportTable};
 
 pub use self::replay::{Replayed, can_replay, write_replay};
 use crate::data::ingest::{IngestSummary, RecordingReport};
 use crate::error::Result;
-use crate::evaluation::{fold, split_description, systems};
+use crate::evaluation::{fold, split_description};
 use crate::figures;
 use crate::run::Run;
 use crate::run::folder::write;
@@ -23,6 +20,15 @@ use crate::stages::kinds;
 
 /// Name of the figure at the top of the page.
 const OPENING: &str = "error-by-horizon";
+
+/// Writes `report.html` of a run, and the figures in it to the folder `figures`.
+///
+/// # Errors
+/// As [`write_report`].
+pub(crate) fn write_with_figures(run: &Run) -> Result<()> {
+    let (_, figures) = write_report(run)?;
+    figures::save(&figures, &run.folder.path("figures"))
+}
 
 /// Writes `report.html` to the folder of a finished run, and says where it is and which figures are in it.
 ///
@@ -32,12 +38,11 @@ pub fn write_report(run: &Run) -> Result<(PathBuf, Vec<Figure>)> {
     let set = run.windows()?;
     let split = run.split(&set)?;
     let data = &run.folder.state.data;
-    let scores = load_scores(&run.path().join("metrics.json"))?;
-    let differences = load_comparisons(&run.path().join("differences.json"))?;
+    let scores = run.scores()?;
     let head = TableHead { split: split_description(run, &split), rate_hz: set.shape().rate_hz };
     let figures = figures::draw(run, None)?;
     let mut report = Report::new(format!("GNP: {}", plain(&data.description)), data.simulated);
-    if let Some(summary) = summary(run, &scores, &differences)? {
+    if let Some(summary) = scores.summary() {
         report.headline = summary.sentence();
         report.summary = Some(ReportTable { title: String::new(), ..shown(&summary.table()) });
     }
@@ -45,7 +50,7 @@ pub fn write_report(run: &Run) -> Result<(PathBuf, Vec<Figure>)> {
         figures.iter().cloned().partition(|figure| figure.name == OPENING);
     report.figures = opening;
     report.player = clip::clip(run, &set, &split)?;
-    report.sections = score_sections(&scores, &differences, &head);
+    report.sections = score_sections(&scores.scores, &scores.differences, &head);
     let mut pictures = ReportSection::new("Figures");
     pictures.figures = others;
     // Below what is scored under the protocol that the page opens with.
@@ -59,28 +64,6 @@ pub fn write_report(run: &Run) -> Result<(PathBuf, Vec<Figure>)> {
     let out = run.path().join("report.html");
     write(&out, report.html()?.as_bytes())?;
     Ok((out, figures))
-}
-
-/// One sentence and one short table of a finished run; `None` where it was not scored under `clean`.
-///
-/// # Errors
-/// When `metrics.json`, `differences.json` or the model cannot be read.
-pub fn summarise(run: &Run) -> Result<Option<Summary>> {
-    let scores = load_scores(&run.path().join("metrics.json"))?;
-    summary(run, &scores, &load_comparisons(&run.path().join("differences.json"))?)
-}
-
-fn summary(run: &Run, scores: &[Score], differences: &[Comparison]) -> Result<Option<Summary>> {
-    let gnp = run.model()?;
-    let rules = systems::rules();
-    let rules: Vec<&str> = rules.iter().map(systems::System::name).collect();
-    let models = SummaryModels {
-        model: gnp_data::Predictor::name(&gnp),
-        label: "GNP",
-        reference: "constant velocity",
-        rules: &rules,
-    };
-    Ok(Summary::of(scores, differences, &models))
 }
 
 /// The tables of scores, one section a protocol: `clean` first, the others folded away.

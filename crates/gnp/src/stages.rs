@@ -16,6 +16,7 @@ use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::evaluation;
 use crate::machine::Machine;
+use crate::report;
 use crate::run::Run;
 use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
 
@@ -92,7 +93,7 @@ impl Plan {
         if let Some(asked) = self.dataset
             && asked != config.dataset
         {
-            let (asked, is) = (asked.as_str(), config.dataset.as_str());
+            let is = config.dataset;
             bail!(Folder, "--dataset {asked} but {} is of {is}; take another --out", self.out.display());
         }
         if let Some(dir) = &self.data
@@ -185,6 +186,7 @@ impl Run {
             Stage::Attraction => training::train(self, Component::Attraction),
             Stage::Repulsion => training::train(self, Component::Repulsion),
             Stage::Evaluate => evaluation::own(self),
+            Stage::Report => report::write_with_figures(self),
         };
         done.map_err(|error| if error.is_stopped() { Error::Stopped { kept: Some(root) } } else { error })
             .with_context(|| format!("{name} failed"))?;

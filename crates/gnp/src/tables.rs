@@ -14,24 +14,21 @@ mod variants;
 
 use std::path::PathBuf;
 
-use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
-use gnp_data::{Split, Window, WindowSet};
+use gnp_baselines::RULES;
+use gnp_data::{Split, WindowSet};
 use gnp_neural_baselines::NeuralBaseline;
 
 use self::files::{Report, Scored, write_report};
 pub use self::recipes::Recipes;
 use self::variants::{FULL, VARIANTS};
 use crate::config::{RunConfig, Setting};
-use crate::error::{Context as _, Error, Result, bail};
+use crate::error::{Error, Result, bail};
 use crate::evaluation::systems::System;
-use crate::evaluation::{self, Material, remarks};
+use crate::evaluation::{self, Material, remarks, rules};
 use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::folder::occupied;
 use crate::stages::{Plan, kinds};
-
-/// Most windows of the training part that the Kalman filter's noise is fitted to.
-const KALMAN_WINDOWS: usize = 2000;
 
 /// GNP, the rules and the neural baselines that have a recipe, on the same windows.
 ///
@@ -45,14 +42,14 @@ pub fn compare(plan: &Plan, recipes: &Recipes, machine: &Machine) -> Result<()> 
         .filter(|kind| !kinds.contains(kind))
         .map(|kind| format!("{}: has no recipe ([{}])", kind.name(), kind.stem()))
         .collect();
-    let table = Table::start("table1", plan, machine, 6 + kinds.len())?;
+    let table = Table::start("table1", plan, machine, 2 + RULES.len() + kinds.len())?;
     let scored = table.scored(|fold| {
         let gnp = fold.run.model()?;
         let goal_head = System::predictor("goal head", gnp.goal_head());
         let mut systems = vec![System::predictor(FULL, gnp), goal_head];
-        systems.extend(rules(fold.set, fold.split)?);
+        systems.extend(rules::systems(fold.run)?);
         for (done, kind) in kinds.iter().copied().enumerate() {
-            fold.progress(7 + done, kind.name());
+            fold.progress(3 + RULES.len() + done, kind.name());
             let Some(recipe) = recipes.get(kind) else { continue };
             systems.push(recipes::system(kind, recipe, fold, &fold.folder.join("learned"))?);
         }
@@ -230,17 +227,4 @@ impl<'a> Table<'a> {
         let fold = if self.folds() == 1 { String::new() } else { format!("fold {fold} of {}, ", self.folds()) };
         self.machine.progress.note(&format!("{}: {fold}{number} of {}, {name}", self.stem, self.total));
     }
-}
-
-/// The predictors without a network; the filter's noise is that of the training part.
-fn rules(set: &WindowSet<'_>, split: &Split) -> Result<Vec<System>> {
-    let step = split.train().len().div_ceil(KALMAN_WINDOWS).max(1);
-    let training: Vec<Window<'_>> = split.train().iter().step_by(step).filter_map(|id| set.get(*id)).collect();
-    let kalman = Kalman::fit(&training).context("Kalman filter")?;
-    Ok(vec![
-        System::predictor("constant velocity", ConstantVelocity::default()),
-        System::predictor("constant acceleration", ConstantAcceleration::default()),
-        System::predictor("Kalman filter", kalman),
-        System::predictor("IDM", Idm::default()),
-    ])
 }

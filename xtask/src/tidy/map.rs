@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::process::Command;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use serde::Deserialize;
+
+use crate::workspace::{self, Package, Workspace};
 
 /// The document with the map, and the crate that stands alone with what it must never come to need.
 const DOCUMENT: &str = "docs/architecture.md";
@@ -14,25 +15,6 @@ const STRANGERS: [&str; 3] = ["gnp-", "candle", "polars"];
 
 /// Who depends on whom: crate to the crates of this project that it uses.
 type Edges = BTreeMap<String, BTreeSet<String>>;
-
-/// What `cargo metadata --no-deps` tells, as far as it is needed here.
-#[derive(Deserialize)]
-struct Metadata {
-    packages: Vec<Package>,
-}
-
-#[derive(Deserialize)]
-struct Package {
-    name: String,
-    dependencies: Vec<Dependency>,
-}
-
-#[derive(Deserialize)]
-struct Dependency {
-    name: String,
-    /// Absent for a normal dependency, `dev` or `build` for the others.
-    kind: Option<String>,
-}
 
 /// What `Cargo.lock` tells.
 #[derive(Deserialize)]
@@ -49,7 +31,7 @@ struct Locked {
 
 /// Findings about the map.
 pub(super) fn check(root: &Path) -> Result<Vec<String>> {
-    let metadata = metadata(root)?;
+    let metadata = workspace::read(root)?;
     let document = std::fs::read_to_string(root.join(DOCUMENT)).with_context(|| format!("cannot read {DOCUMENT}"))?;
     let lock = std::fs::read_to_string(root.join("Cargo.lock")).context("cannot read Cargo.lock")?;
     let lock: Lock = toml::from_str(&lock).context("Cargo.lock")?;
@@ -58,21 +40,8 @@ pub(super) fn check(root: &Path) -> Result<Vec<String>> {
     Ok(findings)
 }
 
-fn metadata(root: &Path) -> Result<Metadata> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let output = Command::new(cargo)
-        .args(["metadata", "--no-deps", "--format-version", "1"])
-        .current_dir(root)
-        .output()
-        .context("cannot start cargo metadata")?;
-    if !output.status.success() {
-        bail!("cargo metadata: {}", String::from_utf8_lossy(&output.stderr).trim());
-    }
-    serde_json::from_slice(&output.stdout).context("cargo metadata")
-}
-
 /// Normal dependencies between the project's crates. Test-only ones are not part of the map.
-fn edges(metadata: &Metadata) -> Edges {
+fn edges(metadata: &Workspace) -> Edges {
     let members: BTreeSet<&str> = metadata.packages.iter().map(|package| package.name.as_str()).collect();
     let knows = |package: &Package| {
         let normal = package.dependencies.iter().filter(|dependency| dependency.kind.is_none());
@@ -116,7 +85,7 @@ fn compare(documented: &Edges, real: &Edges) -> Vec<String> {
 }
 
 /// Everything gnp-force needs, directly or through others, by the lock file.
-fn alone(metadata: &Metadata, lock: &Lock) -> Vec<String> {
+fn alone(metadata: &Workspace, lock: &Lock) -> Vec<String> {
     let Some(package) = metadata.packages.iter().find(|package| package.name == ALONE) else {
         return vec![format!("there is no crate {ALONE}")];
     };
@@ -167,7 +136,7 @@ text\n\
 
     #[test]
     fn gnp_force_may_not_reach_candle() {
-        let metadata: Metadata = serde_json::from_str(
+        let metadata: Workspace = serde_json::from_str(
             r#"{"packages": [{"name": "gnp-force", "dependencies": [
                 {"name": "nalgebra", "kind": null}, {"name": "polars", "kind": "dev"}]}]}"#,
         )

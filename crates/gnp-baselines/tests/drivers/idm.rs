@@ -1,7 +1,7 @@
 //! The Intelligent Driver Model against its equations.
 
 use gnp_baselines::{Idm, IdmParameters, Leader};
-use gnp_data::WindowShape;
+use gnp_data::{LaneMarking, LiveScene, Predictor, Sample, VehicleClass, WindowShape};
 
 use crate::road::{Car, SHAPE, path, road};
 
@@ -24,7 +24,7 @@ fn accelerations_are_those_worked_out_by_hand() {
     // 20 m/s behind 15 m/s at 30 m: the wanted gap is 2 + 20 + 20 * 5 / (2 sqrt(1.5)) = 62.825 m.
     let closing = idm.acceleration(20., Some(Leader { speed: 15., gap: 30. }));
     assert!((closing - (1. - 0.1296 - (62.824_829 / 30f64).powi(2))).abs() < 1e-6, "{closing}");
-    // A leader that leaves quickly asks for no more than the gap at a stand: (2 / 30)^2.
+    // A leader that leaves quickly asks for no more than the gap of stationary vehicles: (2 / 30)^2.
     let leaving = idm.acceleration(20., Some(Leader { speed: 40., gap: 30. }));
     assert!((leaving - (1. - 0.1296 - 4. / 900.)).abs() < 1e-12, "{leaving}");
     assert_eq!(idm.acceleration(20., Some(Leader { speed: 0., gap: -3. })), -9.);
@@ -112,4 +112,21 @@ fn parameters_must_be_positive() {
     let message = Idm::new(bad).unwrap_err().to_string();
     assert!(message.contains("headway") && message.contains("positive"), "{message}");
     assert!(Idm::new(IdmParameters { braking: f64::NAN, ..IdmParameters::PROPOSED }).is_err());
+}
+
+#[test]
+fn a_leader_seen_once_has_the_speed_that_was_measured() {
+    let end = |since: i32| {
+        let mut scene = LiveScene::new(10., [0., 3.7].map(|y| LaneMarking::new(y, true)).to_vec()).unwrap();
+        for (vehicle, x, speed, since) in [(1, 0., 30., -15), (2, 60., 12., since)] {
+            let at =
+                |i: i32| Sample::new(f64::from(i) / 10., [x + speed * i as f32 / 10., 1.8]).with_velocity([speed, 0.]);
+            scene.push(vehicle, [4., 1.8], VehicleClass::Car, &(since..=0).map(at).collect::<Vec<_>>()).unwrap();
+        }
+        let forecasts = Idm::default().predict(&[scene.observe(1, SHAPE).unwrap()], 1).unwrap();
+        forecasts[0].modes[0].path[SHAPE.t_pred - 1][0]
+    };
+    let (throughout, once) = (end(-15), end(0));
+    assert!((throughout - once).abs() < 1e-2, "{throughout} m and {once} m");
+    assert!(throughout < 75., "it brakes behind the slow leader: {throughout} m");
 }

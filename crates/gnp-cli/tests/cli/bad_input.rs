@@ -158,6 +158,6 @@ fn a_run_folder_in_use_is_left_alone() {
 #[test]
 fn a_stage_needs_a_run_folder() {
     let out = TempDir::new().unwrap();
-    run(&["goal", "--run", out.path().to_str().unwrap()]).badly(&["not a run folder", "cargo xtask ingest"]);
+    run(&["goal", "--run", out.path().to_str().unwrap()]).badly(&["not a run folder", "gnp ingest"]);
     assert!(names(Path::new(out.path())).is_empty());
 }

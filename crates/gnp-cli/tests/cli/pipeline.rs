@@ -40,12 +40,16 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
         "history-goal.json",
         "ingest.json",
         "ingest.txt",
+        "figures/error-by-horizon.png",
+        "metrics.csv",
         "metrics.json",
         "metrics.md",
         "modes.safetensors",
         "predictions.parquet",
         "recordings",
+        "report.html",
         "repulsion.safetensors",
+        "rules.json",
         "run.json",
         "split.json",
     ] {
@@ -53,6 +57,14 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     }
     assert!(!names(&first).iter().any(|name| name.starts_with('.')), "{:?}", names(&first));
     assert_eq!(names(out.path()), ["first"]);
+
+    // It ends with one short table, of which no line is wide, and says where the rest is.
+    let end = &finished.out[finished.out.find("\nOn us-101,").unwrap_or_else(|| panic!("{}", finished.out))..];
+    for part in ["RMSE at 5 s", "minFDE_6 at 5 s", "constant velocity", "best rule", "metrics.md", "report.html"] {
+        assert!(end.contains(part), "no `{part}` in:\n{end}");
+    }
+    let tables = end.lines().filter(|line| !line.contains(out.path().to_str().unwrap()));
+    assert!(tables.clone().count() < 16 && tables.clone().all(|line| line.chars().count() <= 80), "{end}");
 
     let scores = json(&first.join("metrics.json"));
     for model in ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM"] {
@@ -76,9 +88,9 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     let mut ingest = pipeline(data.path(), &second, &config, &[]);
     ingest[0] = "ingest";
     run(&ingest).well();
-    run(&["goal", "--run", second.to_str().unwrap()]).badly(&["cargo xtask modes"]);
+    run(&["goal", "--run", second.to_str().unwrap()]).badly(&["gnp train --stage modes --run"]);
     run(&["modes", "--run", second.to_str().unwrap()]).well();
-    run(&["goal", "--run", second.to_str().unwrap(), "--threads", "2"]).well();
+    run(&["train", "--stage", "goal", "--run", second.to_str().unwrap(), "--threads", "2"]).well();
     let resumed =
         run(&["pipeline", "--resume", "--out", second.to_str().unwrap(), "--config", config.to_str().unwrap()]);
     assert!(resumed.well().err.contains("goal: finished before"));
@@ -90,8 +102,8 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     run(&pipeline(data.path(), &first, &config, &["--resume", "--set", "traj.hidden=9"]))
         .badly(&["cannot resume", "`traj.hidden` is 9 and was 8"]);
     run(&pipeline(data.path(), &first, &config, &[])).badly(&["not empty", "--resume"]);
-    let again = run(&["evaluate", "--run", first.to_str().unwrap(), "--quiet"]).well();
-    assert_eq!(again.err, "");
+    let again = run(&["evaluate", "--run", first.to_str().unwrap(), "--tables", "--quiet"]).well();
+    assert!(again.err.is_empty() && again.out.contains("protocol paper"), "{}", again.out);
 
     // On other recordings every window is a test window.
     let other = crate::program::data(&["ngsim/us101-23_1.csv.gz"]);
@@ -105,6 +117,7 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
             "eval.json",
             "ingest.json",
             "ingest.txt",
+            "metrics.csv",
             "metrics.json",
             "metrics.md",
             "predictions.parquet",
@@ -145,7 +158,7 @@ fn ctrl_c_keeps_a_checkpoint_that_a_resume_goes_on_from() {
     let ended = running.wait_with_output().unwrap();
     let message = String::from_utf8(ended.stderr).unwrap();
     assert_eq!(ended.status.code(), Some(130), "{message}");
-    assert!(message.contains("cargo xtask pipeline --resume --out"), "{message}");
+    assert!(message.contains("go on with `gnp pipeline --resume --out"), "{message}");
     run(&["pipeline", "--resume", "--out", place.to_str().unwrap()]).well();
     let history = json(&place.join("history-goal.json"));
     assert_eq!(history["epochs"].as_array().unwrap().len(), 60);

@@ -10,7 +10,7 @@ fn a_build_without_rerun_says_how_to_get_one() {
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("a.rrd");
     run(&["replay", "--run", "runs/none", "--rrd", file.to_str().unwrap()])
-        .badly(&["cargo run --package xtask --features rerun -- replay --run runs/none --rrd ", "a.rrd"]);
+        .badly(&["cargo run --package gnp-cli --features rerun -- replay --run runs/none --rrd ", "a.rrd"]);
     assert_eq!(names(folder.path()), [""; 0]);
 }
 
@@ -29,7 +29,7 @@ fn a_finished_run_is_replayed_the_same_every_time() {
         let arguments = ["replay", "--run", place, "--rrd", file.to_str().unwrap()];
         run(&[&arguments[..], more].concat())
     };
-    replay(&[]).badly(&["is not a run folder", "cargo xtask ingest"]);
+    replay(&[]).badly(&["is not a run folder", "gnp ingest"]);
     let arguments = ["--config", config.to_str().unwrap(), "--data-dir", data.path().to_str().unwrap(), "--out", place];
     run(&[&["ingest"], &arguments[..]].concat()).well();
     replay(&[]).badly(&["is not finished", "--resume"]);

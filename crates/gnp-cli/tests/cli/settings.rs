@@ -45,10 +45,12 @@ fn wrong_use_has_its_own_exit_code() {
 
 #[test]
 fn every_command_has_help() {
-    for command in ["pipeline", "ingest", "modes", "goal", "attraction", "repulsion", "evaluate", "eval", "ci", "tidy"]
-    {
+    for command in [
+        "pipeline", "ingest", "train", "evaluate", "compare", "ablate", "figures", "report", "replay", "goal", "eval",
+        "score", "table1",
+    ] {
         let help = run(&[command, "--help"]).well();
-        assert!(help.out.contains("Usage: cargo xtask"), "{}", help.out);
+        assert!(help.out.contains("Usage: gnp "), "{}", help.out);
     }
 }
 

@@ -108,7 +108,7 @@ fn over_the_folds_every_window_is_scored_once() {
 
     // The validation part instead is said to be that.
     let place = out.path().join("validation");
-    let more = ["--recipes", none.to_str().unwrap(), "--set", "evaluate.part=validation"];
+    let more = ["--recipes", none.to_str().unwrap(), "--set", "evaluate.subset=validation"];
     run(&arguments("table1", data.path(), &place, &config, &more)).well();
     let content = json(&place.join("table1.json"));
     assert!(content["split"].as_str().unwrap().contains("validation part"), "{}", content["split"]);

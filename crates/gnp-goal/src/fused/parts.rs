@@ -1,9 +1,7 @@
 //! All weights of a block as one flat vector, and its parts.
 
 use candle_core::{Result, Tensor};
-use pulp::Arch;
-
-use super::rows::transpose;
+use gnp_nn::kernels::transpose;
 
 /// Weights of a block by part, as slices of one vector; maps are `[out, in]`.
 pub(crate) struct Parts<T> {
@@ -77,10 +75,10 @@ pub(crate) struct Transposed {
 }
 
 impl Transposed {
-    pub(crate) fn of(arch: Arch, parts: &Parts<&[f32]>, width: usize, hidden: usize) -> Self {
+    pub(crate) fn of(parts: &Parts<&[f32]>, width: usize, hidden: usize) -> Self {
         let turn = |map: &[f32], out: usize, input: usize| {
             let mut to = vec![0.; map.len()];
-            transpose(arch, &mut to, out, map, input, [out, input], 1.);
+            transpose(&mut to, out, map, input, [out, input], 1.);
             to
         };
         Self {

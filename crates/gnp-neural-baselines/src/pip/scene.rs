@@ -4,9 +4,9 @@
 use candle_core::{Device, Result, Tensor};
 use gnp_data::{Neighbour, Observation, TrackState, Truth};
 
-use crate::augmented_view::AugmentedView;
 use crate::grid::{Grid, PLACE_CELLS, PLACE_CENTRE, by_place, place_cell};
 use crate::inputs::{Inputs, by_time};
+use crate::oriented_view::OrientedView;
 
 /// Where the ego's plan comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,7 +117,7 @@ impl Scenes {
     /// [`Plan::Recorded`] alone.
     pub(crate) fn new(
         inputs: &Inputs,
-        windows: &[AugmentedView<'_>],
+        windows: &[OrientedView<'_>],
         source: Plan,
         truths: Option<&[Truth<'_>]>,
         most: usize,
@@ -132,7 +132,7 @@ impl Scenes {
         let (mut neighbour_paths, mut cells) = (Vec::new(), Vec::new());
         let (mut plans, mut plan_cells) = (Vec::new(), Vec::new());
         let mut without_ego = 0;
-        for (b, AugmentedView { observation, side }) in windows.iter().enumerate() {
+        for (b, OrientedView { observation, side }) in windows.iter().enumerate() {
             let side = *side;
             let truth = truths.and_then(|truths| truths.get(b));
             let ego = ego(&by_place(observation), truth, observation.shape().t_pred.saturating_sub(1));
@@ -142,7 +142,7 @@ impl Scenes {
             for Target { observation: target, cell } in targets(observation, ego.as_ref(), most) {
                 let n = target_paths.len();
                 target_cells.push((PLACE_CELLS * b + side.place_cell(cell)) as u32);
-                let path = inputs.target(&AugmentedView { observation: target, side });
+                let path = inputs.target(&OrientedView { observation: target, side });
                 for occupant in by_place(&target).occupants {
                     let mut other = inputs.neighbour(&occupant.neighbour, side);
                     for (other, own) in other.iter_mut().zip(&path) {

@@ -8,8 +8,8 @@ use gnp_data::{
 use gnp_nn::Weights;
 
 use super::*;
-use crate::augmented_view::AugmentedView;
 use crate::inputs::Inputs;
+use crate::oriented_view::OrientedView;
 use crate::time_grid::TimeGrid;
 
 fn published() -> StdanSizes {
@@ -235,7 +235,7 @@ fn forecast(recording: &Recording, order: [usize; 5], masked: bool) -> Vec<u32> 
         Observation::new(recording, SHAPE, track, track * 81 + 30).unwrap()
     });
     let past = Inputs { clock, unit_m: 0.3048 }
-        .past(&targets.map(|target| AugmentedView::recorded(&target)), true, &Device::Cpu)
+        .past(&targets.map(|target| OrientedView::recorded(&target)), true, &Device::Cpu)
         .unwrap();
     assert_eq!(past.cells.len(), 4 + 2, "two are two lanes away from the second target");
     let output = net(published(), masked).0.forward(&past, Ask::Predict).unwrap();

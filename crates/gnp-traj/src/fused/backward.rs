@@ -2,14 +2,13 @@
 
 use gnp_force::nalgebra::Vector2;
 use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, TermVjp, VehicleRepulsion};
+use gnp_nn::kernels::{Aligned, LINE, Rows, RowsMut, Scratch};
 
-use super::aligned::{Aligned, LINE};
 use super::batch::{Chunk, Pair};
 use super::forward::{Tape, learned, line_features, neighbour_features, state_of, trained};
 use super::head::HeadAdjoint;
 use super::history_encoder::HistoryAdjoint;
 use super::layout::{Gradient, Net, Packed};
-use super::matmul::{Rows, RowsMut, Scratch};
 use super::mlp::{self, BLOCK, Workspace};
 use crate::Integrator;
 

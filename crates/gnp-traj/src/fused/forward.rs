@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use gnp_force::nalgebra::Vector2;
 use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, State, TermDescriptor, VehicleRepulsion};
+use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut};
 
-use super::aligned::{Aligned, LINE, Pool, Trace};
 use super::batch::{Chunk, Pair};
 use super::head::{HeadTape, HeadWork};
 use super::history_encoder::HistoryTape;
 use super::layout::{Net, Packed};
-use super::matmul::{Rows, RowsMut};
 use super::mlp::{self, BLOCK, Workspace};
+use super::trace::Trace;
 use crate::{Integrator, Phase};
 
 /// What a chunk leaves behind for its adjoint.

@@ -1,11 +1,11 @@
 //! The heads that end in one sigmoid a row, and their adjoint.
 
-use super::aligned::{Aligned, LINE, Pool, Trace};
+use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut, Scratch, Start, product, sigmoid};
+
 use super::history_encoder::GATHER;
 use super::layout::{Gradient, Packed};
-use super::matmul::{Rows, RowsMut, Scratch, Start, product};
 use super::mlp::{self, BLOCK, Workspace};
-use gnp_nn::sigmoid;
+use super::trace::Trace;
 
 /// What a head leaves behind each time it runs.
 #[derive(Debug)]

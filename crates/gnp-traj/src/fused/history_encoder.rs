@@ -1,9 +1,9 @@
 //! Embedding, LSTM and latent of a history, and their adjoint.
 
-use super::aligned::{Aligned, Pool, Trace};
-use super::elementwise::{lstm, lstm_adjoint, relu_adjoint};
+use gnp_nn::kernels::{Aligned, Pool, Rows, RowsMut, Scratch, Start, lstm, lstm_adjoint, product, relu_adjoint};
+
 use super::layout::{Gradient, HistoryEncoder, Packed};
-use super::matmul::{Rows, RowsMut, Scratch, Start, product};
+use super::trace::Trace;
 
 /// Rows whose weight gradients are summed at once, at least: fewer would fetch the sums from memory for
 /// too little work.
@@ -58,7 +58,7 @@ impl HistoryTape {
         product(self.rows, input, &history_encoder.cell.forward, Start::Bias(&history_encoder.cell.bias), false, gates);
         self.cell.carry(step);
         let h = RowsMut { data: &mut self.input.at_mut(step + 1)[embedding..], stride };
-        lstm(self.rows, hidden, self.gates.at_mut(step), self.cell.at_mut(step + 1), h);
+        lstm(hidden, self.gates.at_mut(step), self.cell.at_mut(step + 1), h);
     }
 
     /// The output after `steps` steps, `[rows, hidden]`.
@@ -155,7 +155,7 @@ impl HistoryAdjoint {
         let (rows, stride) = (tape.rows, embedding + hidden);
         let dh = Rows { data: &self.dh, stride: hidden };
         let gates = tape.gates.at_mut(step);
-        lstm_adjoint(rows, hidden, gates, tape.cell.at(step), tape.cell.at(step + 1), dh, &mut self.dcell);
+        lstm_adjoint(hidden, gates, tape.cell.at(step), tape.cell.at(step + 1), dh, &mut self.dcell);
         let dgates = Rows { data: tape.gates.at(step), stride: 4 * hidden };
         let dinput = RowsMut { data: &mut self.dinput, stride };
         product(rows, dgates, &history_encoder.cell.backward, Start::Zero, false, dinput);
@@ -165,8 +165,7 @@ impl HistoryAdjoint {
             demb[row * embedding..][..embedding].copy_from_slice(&dinput[..embedding]);
             self.dh[row * hidden..][..hidden].copy_from_slice(&dinput[embedding..]);
         }
-        let value = Rows { data: tape.input.at(step), stride };
-        relu_adjoint(rows, embedding, value, RowsMut { data: demb, stride: embedding });
+        relu_adjoint(embedding, demb, Rows { data: tape.input.at(step), stride });
         if let Some(dstates) = dstates {
             let demb = Rows { data: demb, stride: embedding };
             product(rows, demb, &history_encoder.emb.backward, Start::Zero, false, dstates);

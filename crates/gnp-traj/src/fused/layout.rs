@@ -3,8 +3,8 @@
 use std::convert::Infallible;
 use std::ops::Range;
 
-use super::aligned::padded;
-use super::matmul::{Panels, Rows, Scratch, outer_sum};
+use gnp_nn::kernels::{Panels, Rows, Scratch, outer_sum, padded};
+
 use crate::weights::Builder;
 use crate::{Phase, TrajConfig};
 

@@ -1,9 +1,8 @@
 //! Linear layers with ReLU between them, on blocks of rows that stay in the cache.
 
-use super::aligned::Aligned;
-use super::elementwise::relu_adjoint;
+use gnp_nn::kernels::{Aligned, Rows, RowsMut, Scratch, Start, product, relu_adjoint};
+
 use super::layout::{Gradient, Packed};
-use super::matmul::{Rows, RowsMut, Scratch, Start, product};
 
 /// Rows that go through all layers before the next ones do.
 pub(crate) const BLOCK: usize = 96;
@@ -87,12 +86,12 @@ pub(crate) fn adjoint(
     for i in (1..=last).rev() {
         let (before, after) = work.deltas.split_at_mut(i);
         let width = layers[i - 1].outputs();
-        let gradient = &mut before[i - 1][at * width..];
+        let gradient = &mut before[i - 1][at * width..(at + count) * width];
         let delta = rows_of(&after[0], layers, i, at);
         product(count, delta, &layers[i].backward, Start::Zero, false, RowsMut { data: gradient, stride: width });
         let value =
             if i == 1 || kept.is_empty() { rows_of(&work.values[i - 1], layers, i - 1, at) } else { kept[i - 2] };
-        relu_adjoint(count, width, value, RowsMut { data: gradient, stride: width });
+        relu_adjoint(width, gradient, value);
     }
     if let Some(dx) = dx {
         product(count, rows_of(&work.deltas[0], layers, 0, at), &layers[0].backward, Start::Zero, false, dx);

@@ -10,6 +10,17 @@ use toml::{Table, Value};
 const WHOLE: [&str; 5] =
     ["windows.site_stride_s", "split.sites", "goal.schedule", "attraction.schedule", "repulsion.schedule"];
 
+/// What keys were called before, by their last part, and what they are called now.
+const RENAMED: [(&str, &str); 7] = [
+    ("nobody", "null_token"),
+    ("slot_code", "slot_embedding"),
+    ("stretch", "longitudinal_scale"),
+    ("following_hint", "car_following_features"),
+    ("site_balance", "site_sampling_exponent"),
+    ("code", "latent_dim"),
+    ("part", "subset"),
+];
+
 /// One `key=value` of `--set`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
@@ -124,12 +135,22 @@ fn parse(text: &str) -> Value {
 
 /// The error for a key that does not exist.
 fn unknown(path: &str, known: &[String]) -> Error {
+    if let Some(now) = renamed(path, known) {
+        return Error::Config(format!("key `{path}` is now called `{now}`"));
+    }
     let near = near(path, known);
     if near.is_empty() {
         Error::Config(format!("unknown key `{path}`; configs/ngsim.toml has every key with a comment"))
     } else {
         Error::Config(format!("unknown key `{path}`; near it: `{}`", near.join("`, `")))
     }
+}
+
+/// What the key at `path` is called now, if it was renamed.
+fn renamed(path: &str, known: &[String]) -> Option<String> {
+    let (table, last) = path.rsplit_once('.')?;
+    let (_, now) = RENAMED.iter().find(|(before, _)| *before == last)?;
+    Some(format!("{table}.{now}")).filter(|now| known.contains(now))
 }
 
 /// Known keys that are likely meant: few edits away, or with the same last part.

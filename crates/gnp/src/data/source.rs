@@ -48,7 +48,7 @@ pub fn embedded_folder(dataset: Dataset) -> Result<PathBuf> {
     let found = places.flat_map(|place| place.ancestors().map(|above| above.join(&fixtures)).collect::<Vec<_>>());
     match found.into_iter().find(|folder| folder.is_dir()) {
         Some(folder) => Ok(folder),
-        None => bail!(Recordings, "no recordings of {} come with this program; give a folder of them", dataset),
+        None => bail!(Recordings, "no recordings of {dataset} come with this program; give a folder of them"),
     }
 }
 

@@ -101,7 +101,6 @@ fn score(
     let config = EvalConfig { protocols, ..config.evaluate.clone() };
     let evaluation = evaluate(material, &systems, &config, machine)?;
     let scores = Scores::of(&evaluation, &name, material.split.clone(), &config.bootstrap)?;
-    scores.show(machine);
     if let Some(draft) = out {
         let heading = format!("# Scores of {name}\n\nOn {}. Lengths in m.\n", material.data.description);
         scores.save(draft.path(), &heading)?;

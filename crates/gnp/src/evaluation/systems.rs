@@ -1,6 +1,5 @@
 //! The systems of an evaluation, each under the name of its row.
 
-use gnp_baselines::{ConstantAcceleration, ConstantVelocity, Idm, Kalman};
 use gnp_data::{Forecast, Observation, OraclePredictor, PredictError, Predictor, Window};
 use gnp_eval::EvaluatedModel;
 
@@ -18,7 +17,12 @@ enum Model {
 impl System {
     /// A system that sees the past alone.
     pub(crate) fn predictor(name: impl Into<String>, model: impl Predictor + 'static) -> Self {
-        Self { name: name.into(), model: Model::Blind(Box::new(model)) }
+        Self::boxed(name, Box::new(model))
+    }
+
+    /// The same of a predictor on the heap.
+    pub(crate) fn boxed(name: impl Into<String>, model: Box<dyn Predictor>) -> Self {
+        Self { name: name.into(), model: Model::Blind(model) }
     }
 
     /// A system that is handed recorded futures.
@@ -72,17 +76,4 @@ impl OraclePredictor for System {
             Model::Oracle(model) => model.predict_with_future(windows, k),
         }
     }
-}
-
-/// The predictors without a network, as they come.
-pub(crate) fn rules() -> Vec<System> {
-    fn named(rule: impl Predictor + 'static) -> System {
-        System::predictor(rule.name().to_owned(), rule)
-    }
-    vec![
-        named(ConstantVelocity::default()),
-        named(ConstantAcceleration::default()),
-        named(Kalman::default()),
-        named(Idm::default()),
-    ]
 }

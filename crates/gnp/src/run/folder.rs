@@ -32,12 +32,14 @@ pub enum Stage {
     Repulsion,
     /// Scores on the test part.
     Evaluate,
+    /// Figures and the report.
+    Report,
 }
 
 impl Stage {
     /// All of them, in order.
-    pub const ALL: [Self; 6] =
-        [Self::Ingest, Self::Modes, Self::Goal, Self::Attraction, Self::Repulsion, Self::Evaluate];
+    pub const ALL: [Self; 7] =
+        [Self::Ingest, Self::Modes, Self::Goal, Self::Attraction, Self::Repulsion, Self::Evaluate, Self::Report];
 
     /// As in file names.
     #[must_use]
@@ -49,13 +51,14 @@ impl Stage {
             Self::Attraction => "attraction",
             Self::Repulsion => "repulsion",
             Self::Evaluate => "evaluate",
+            Self::Report => "report",
         }
     }
 
     /// The command that does it.
     fn command(self) -> String {
         match self {
-            Self::Ingest | Self::Evaluate => self.name().to_owned(),
+            Self::Ingest | Self::Evaluate | Self::Report => self.name().to_owned(),
             _ => format!("train --stage {}", self.name()),
         }
     }
@@ -70,6 +73,7 @@ impl Stage {
             Self::Goal | Self::Attraction => &[Self::Ingest, Self::Modes],
             Self::Repulsion => &[Self::Ingest, Self::Modes, Self::Attraction],
             Self::Evaluate => &[Self::Ingest, Self::Modes, Self::Goal, Self::Attraction, Self::Repulsion],
+            Self::Report => &[Self::Ingest, Self::Modes, Self::Goal, Self::Attraction, Self::Repulsion, Self::Evaluate],
         }
     }
 }

@@ -111,7 +111,7 @@ pub(crate) fn write_report(report: &Report<'_>, scored: &Scored, folder: &Path) 
     let Scored { evaluation, run, .. } = scored;
     let scores = Scores::of(evaluation, report.ours, scored.split(), &run.config.evaluate.bootstrap)?;
     run.result(&format!("\n{} on {}", report.title, run.folder.state.data.description));
-    scores.show(&run.machine);
+    scores.show(run.machine.progress.as_ref());
     let markdown = scores.markdown(&heading(report, scored)) + &printed::markdown(report.printed);
     for missing in report.missing {
         run.note(&format!("{}: {missing}", report.stem));

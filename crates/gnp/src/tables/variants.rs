@@ -132,7 +132,7 @@ impl Variant {
             let draft = Draft::start(place, "remove it")?;
             copy(full, self.redo, draft.path())?;
             write(&draft.path().join("config.toml"), changed.to_toml()?.as_bytes())?;
-            let kept = |stage: &Stage| !self.redo.contains(stage) && *stage != Stage::Evaluate;
+            let kept = |stage: &Stage| !self.redo.contains(stage) && *stage < Stage::Evaluate;
             let finished = full.state.finished.clone().into_iter().filter(|(stage, _)| kept(stage)).collect();
             write_state(draft.path(), &RunState { finished, ..full.state.clone() })?;
             draft.publish()?;

@@ -1,17 +1,18 @@
 //! What happens to rows: plain loops that the compiler makes vectors of, in a fixed order.
 
-use gnp_nn::DropoutMask;
 use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
 
-/// Partial sums kept apart; a row's length is best a multiple of it.
-pub(crate) const LANES: usize = 16;
+use super::aligned::LINE;
+use super::matmul::Rows;
+use crate::DropoutMask;
 
 /// Functions that [`Arch::dispatch`] runs with the machine's vector instructions switched on. A
 /// closure would do the same only where the compiler chooses to inline it.
 macro_rules! vectorised {
     ($($(#[$doc:meta])* fn $name:ident($($arg:ident: $kind:ty),* $(,)?) $body:block)*) => {$(
         $(#[$doc])*
-        pub(crate) fn $name(arch: Arch, $($arg: $kind),*) {
+        pub fn $name($($arg: $kind),*) {
             struct Run<T>(T);
             impl WithSimd for Run<($($kind,)*)> {
                 type Output = ();
@@ -21,25 +22,26 @@ macro_rules! vectorised {
                     $body
                 }
             }
-            arch.dispatch(Run(($($arg,)*)));
+            Arch::new().dispatch(Run(($($arg,)*)));
         }
     )*};
 }
 
+/// The sum of `f` over pairs, in [`LINE`] partial sums.
 #[inline(always)]
 fn fold(a: &[f32], b: &[f32], f: impl Fn(f32, f32) -> f32) -> f32 {
-    let (a_whole, a_rest) = a.as_chunks::<LANES>();
-    let (b_whole, b_rest) = b.as_chunks::<LANES>();
-    let mut sums = [0f32; LANES];
+    let (a_whole, a_rest) = a.as_chunks::<LINE>();
+    let (b_whole, b_rest) = b.as_chunks::<LINE>();
+    let mut sums = [0f32; LINE];
     for (a, b) in a_whole.iter().zip(b_whole) {
-        for i in 0..LANES {
+        for i in 0..LINE {
             sums[i] += f(a[i], b[i]);
         }
     }
     for (i, (a, b)) in a_rest.iter().zip(b_rest).enumerate() {
         sums[i] += f(*a, *b);
     }
-    let mut half = LANES / 2;
+    let mut half = LINE / 2;
     while half > 0 {
         for i in 0..half {
             sums[i] += sums[i + half];
@@ -61,10 +63,10 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
 
 #[inline(always)]
 fn largest(a: &[f32]) -> f32 {
-    let (whole, rest) = a.as_chunks::<LANES>();
-    let mut largest = [f32::MIN; LANES];
+    let (whole, rest) = a.as_chunks::<LINE>();
+    let mut largest = [f32::MIN; LINE];
     for a in whole {
-        for i in 0..LANES {
+        for i in 0..LINE {
             largest[i] = if a[i] > largest[i] { a[i] } else { largest[i] };
         }
     }
@@ -110,16 +112,18 @@ fn drop_row(row: &mut [f32], mask: DropoutMask, first: usize) {
     }
 }
 
+/// Added to the variance before its root is taken.
+pub(crate) const NORM_EPSILON: f64 = 1e-5;
+
 /// To mean 0 and variance 1 in place; gives the reciprocal of the deviation.
 #[inline(always)]
 fn normalise(row: &mut [f32]) -> f32 {
-    const EPSILON: f32 = 1e-5;
     let share = 1. / row.len() as f32;
     let mean = sum(row) * share;
     for x in row.iter_mut() {
         *x -= mean;
     }
-    let scale = 1. / (dot(row, row) * share + EPSILON).sqrt();
+    let scale = 1. / (dot(row, row) * share + NORM_EPSILON as f32).sqrt();
     for x in row.iter_mut() {
         *x *= scale;
     }
@@ -133,20 +137,20 @@ fn add_row(total: &mut [f32], row: &[f32]) {
     }
 }
 
-/// Weight and bias of a norm, or their gradients.
-pub(crate) type Affine<'a> = (&'a [f32], &'a [f32]);
+/// Weight and bias of a norm, each `[width]`.
+pub type Affine<'a> = (&'a [f32], &'a [f32]);
 
 vectorised! {
-    /// Softmax over the first `valid` values of each row of `wide`; the others become 0.
+    /// Softmax over the first `valid` values of each row of `rows` `[rows, wide]`; the others become 0.
     fn softmax(rows: &mut [f32], wide: usize, valid: usize) {
         for row in rows.chunks_exact_mut(wide) {
             softmax_row(row, valid);
         }
     }
 
-    /// For rows of `weights = softmax(scale * scores)`: the gradient with respect to the weights is
-    /// replaced by that with respect to the unscaled scores.
-    fn softmax_gradient(gradient: &mut [f32], weights: &[f32], wide: usize, scale: f32) {
+    /// The adjoint of [`softmax`] for `weights` `[rows, wide]` that are the softmax of `scale` times
+    /// scores: `gradient` goes from that of the weights to that of the unscaled scores.
+    fn softmax_adjoint(gradient: &mut [f32], weights: &[f32], wide: usize, scale: f32) {
         for (gradient, weights) in gradient.chunks_exact_mut(wide).zip(weights.chunks_exact(wide)) {
             let mean = dot(weights, gradient);
             for (g, w) in gradient.iter_mut().zip(weights) {
@@ -155,9 +159,9 @@ vectorised! {
         }
     }
 
-    /// For each row: drops values of `y` (`first` is the index of the first in the mask), adds `x`,
-    /// normalises `y` in place, keeps the reciprocal of its deviation in `scales`, and writes
-    /// `y * weight + bias` to `out`.
+    /// The norm of a residual layer, for each row of `y` `[rows, width]`: drops values of `y` (the mask
+    /// comes with the index of the first of them in it), adds `x`, normalises `y` in place, keeps the
+    /// reciprocal of its deviation in `scales` `[rows]`, and writes `y * weight + bias` to `out`.
     fn norm(
         y: &mut [f32],
         x: &[f32],
@@ -180,9 +184,10 @@ vectorised! {
         }
     }
 
-    /// Backward through [`norm`]: the gradient of `out` is replaced by that of the sum, and those of
-    /// weight and bias are added to. `normalised` and `scales` are what the forward pass left.
-    fn norm_gradient(
+    /// The adjoint of [`norm`]: `gradient` `[rows, width]` goes from that of `out` to that of the sum of
+    /// `x` and the dropped `y`, and those of weight and bias in `d` are added to. `normalised` and
+    /// `scales` are what [`norm`] left in `y` and `scales`.
+    fn norm_adjoint(
         gradient: &mut [f32],
         normalised: &[f32],
         scales: &[f32],
@@ -207,7 +212,7 @@ vectorised! {
         }
     }
 
-    /// Applies the part of a mask that begins at `first`.
+    /// Applies the part of a mask that begins at `first` to `values`, which is also its adjoint.
     fn drop_values(values: &mut [f32], mask: DropoutMask, first: usize) {
         if !mask.is_none() {
             drop_row(values, mask, first);
@@ -221,23 +226,27 @@ vectorised! {
         }
     }
 
-    /// Gradients become 0 where [`relu`] gave 0.
-    fn relu_gradient(gradient: &mut [f32], activations: &[f32]) {
-        for (g, a) in gradient.iter_mut().zip(activations) {
-            *g = if *a > 0. { *g } else { 0. };
+    /// The adjoint of [`relu`] on rows of `width` values: `gradient` `[rows, width]` becomes 0 wherever
+    /// [`relu`] gave 0.
+    fn relu_adjoint(width: usize, gradient: &mut [f32], activations: Rows<'_>) {
+        for (row, gradient) in gradient.chunks_exact_mut(width.max(1)).enumerate() {
+            let activations = &activations.data[activations.stride * row..][..width];
+            for (g, a) in gradient.iter_mut().zip(activations) {
+                *g = if *a > 0. { *g } else { 0. };
+            }
         }
     }
 
-    /// Adds every row of `rows` to `total`, one row long.
+    /// Adds every row of `rows` to `total`, one row long, in order.
     fn add_rows(total: &mut [f32], rows: &[f32]) {
-        for row in rows.chunks_exact(total.len()) {
+        for row in rows.chunks_exact(total.len().max(1)) {
             add_row(total, row);
         }
     }
 
     /// Adds `row` to every row of `rows`.
     fn add_to_rows(rows: &mut [f32], row: &[f32]) {
-        for to in rows.chunks_exact_mut(row.len()) {
+        for to in rows.chunks_exact_mut(row.len().max(1)) {
             add_row(to, row);
         }
     }
@@ -255,6 +264,26 @@ vectorised! {
             }
         }
     }
+}
+
+/// Rows that are added up before they join the sum: fixed, so that the result does not depend on
+/// threads, and small, so that little of a long sum is rounded away.
+const BLOCK: usize = 256;
+
+/// The sum of each of `columns` columns over all `rows` of `term`, in parallel. `term(row, sums)` adds
+/// a row to the sums.
+pub fn sum_rows(rows: usize, columns: usize, term: impl Fn(usize, &mut [f32]) + Sync) -> Vec<f32> {
+    let block = |first: usize| {
+        let mut sums = vec![0f32; columns];
+        (first..rows.min(first + BLOCK)).for_each(|row| term(row, &mut sums));
+        sums
+    };
+    let blocks: Vec<Vec<f32>> = (0..rows).into_par_iter().step_by(BLOCK).map(block).collect();
+    let mut all = vec![0f32; columns];
+    for block in &blocks {
+        add_rows(&mut all, block);
+    }
+    all
 }
 
 #[cfg(test)]
@@ -276,13 +305,95 @@ mod tests {
     #[test]
     fn softmax_of_large_and_of_equal_values_is_finite() {
         let mut row = [1000., 1000., 1000. - 2f32.ln(), 7., 7.];
-        softmax(Arch::new(), &mut row, 5, 3);
+        softmax(&mut row, 5, 3);
         for (x, e) in row.iter().zip([0.4, 0.4, 0.2, 0., 0.]) {
             assert!((x - e).abs() < 1e-4, "{row:?}");
         }
         let mut low = [-1e4; 40];
-        softmax(Arch::new(), &mut low, 40, 40);
+        softmax(&mut low, 40, 40);
         assert!(low.iter().all(|x| (x - 0.025).abs() < 1e-7));
+    }
+
+    fn values(count: usize, seed: usize) -> Vec<f32> {
+        (0..count).map(|i| ((i * 7919 + seed * 104_729) % 1009) as f32 / 504. - 1.).collect()
+    }
+
+    /// `gradient` against central differences of `loss` at `at`.
+    fn assert_gradient(name: &str, gradient: &[f32], at: &[f32], loss: impl Fn(&[f32]) -> f32) {
+        for i in 0..at.len() {
+            let moved = |by: f32| {
+                let mut at = at.to_vec();
+                at[i] += by;
+                loss(&at)
+            };
+            let difference = (moved(1e-2) - moved(-1e-2)) / 2e-2;
+            let off = (difference - gradient[i]).abs();
+            assert!(off < 5e-3 * (1. + difference.abs()), "{name}[{i}]: {} and {difference}", gradient[i]);
+        }
+    }
+
+    #[test]
+    fn the_adjoint_of_a_softmax_is_the_difference() {
+        let (wide, valid, scale) = (20, 17, 0.7);
+        let (scores, upstream) = (values(2 * wide, 1), values(2 * wide, 2));
+        let weights = |scores: &[f32]| {
+            let mut weights: Vec<f32> = scores.iter().map(|x| x * scale).collect();
+            softmax(&mut weights, wide, valid);
+            weights
+        };
+        let mut gradient = upstream.clone();
+        softmax_adjoint(&mut gradient, &weights(&scores), wide, scale);
+        assert_gradient("scores", &gradient, &scores, |scores| dot(&weights(scores), &upstream));
+    }
+
+    #[test]
+    fn the_adjoint_of_a_norm_is_the_difference() {
+        let (rows, width, mask) = (3, 19, (crate::Dropout::new(0.3, 4).draw(), 5));
+        let (y, x, upstream) = (values(rows * width, 1), values(rows * width, 2), values(rows * width, 3));
+        let (weight, bias) = (values(width, 4), values(width, 5));
+        let run = |y: &[f32], x: &[f32], weight: &[f32], bias: &[f32]| {
+            let (mut y, mut scales, mut out) = (y.to_vec(), vec![0.; rows], vec![0.; y.len()]);
+            norm(&mut y, x, mask, (weight, bias), &mut scales, &mut out);
+            (out, y, scales)
+        };
+        let (_, normalised, scales) = run(&y, &x, &weight, &bias);
+        for row in normalised.chunks_exact(width) {
+            assert!(sum(row).abs() < 1e-5 && (dot(row, row) / width as f32 - 1.).abs() < 1e-3);
+        }
+        let (mut gradient, mut dweight, mut dbias) = (upstream.clone(), vec![0.; width], vec![0.; width]);
+        norm_adjoint(&mut gradient, &normalised, &scales, &weight, (&mut dweight, &mut dbias));
+        let loss = |y: &[f32], x: &[f32], weight: &[f32], bias: &[f32]| dot(&run(y, x, weight, bias).0, &upstream);
+        assert_gradient("x", &gradient, &x, |x| loss(&y, x, &weight, &bias));
+        assert_gradient("weight", &dweight, &weight, |weight| loss(&y, &x, weight, &bias));
+        assert_gradient("bias", &dbias, &bias, |bias| loss(&y, &x, &weight, bias));
+        drop_values(&mut gradient, mask.0, mask.1);
+        assert_gradient("y", &gradient, &y, |y| loss(y, &x, &weight, &bias));
+    }
+
+    #[test]
+    fn a_rectifier_passes_gradients_where_it_passed_values() {
+        let mut kept = [1., -1., 0., 2., -3., 4., 5., -6., 9.];
+        relu(&mut kept);
+        assert_eq!(kept, [1., 0., 0., 2., 0., 4., 5., 0., 9.]);
+        let mut gradient = [7.; 4];
+        relu_adjoint(2, &mut gradient, Rows::new(&kept, 3));
+        assert_eq!(gradient, [7., 0., 7., 0.]);
+    }
+
+    #[test]
+    fn rows_are_added_up_each_to_each_and_turned() {
+        let rows: Vec<f32> = (0..6).map(|i| i as f32).collect();
+        let mut total = [1., 1., 1.];
+        add_rows(&mut total, &rows);
+        assert_eq!(total, [4., 6., 8.]);
+        let mut moved = rows.clone();
+        add_to_rows(&mut moved, &[10., 20., 30.]);
+        assert_eq!(moved, [10., 21., 32., 13., 24., 35.]);
+        let mut turned = [9.; 6];
+        transpose(&mut turned, 3, &rows[1..], 3, [2, 2], 2.);
+        assert_eq!(turned, [2., 8., 0., 4., 10., 0.]);
+        let sums = sum_rows(2 * BLOCK + 3, 2, |row, sums| add_rows(sums, &[row as f32, 1.]));
+        assert_eq!(sums, [(514 * 515 / 2) as f32, 515.]);
     }
 
     #[test]

@@ -7,28 +7,28 @@ use crate::grid::{LANE_CELLS, LANE_COLUMNS, LANE_ROWS, PLACE_COLUMNS};
 /// An observation, with left and right exchanged or not. Mirroring is an augmentation for training,
 /// never used for prediction.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct AugmentedView<'a> {
+pub(crate) struct OrientedView<'a> {
     pub(crate) observation: Observation<'a>,
-    pub(crate) side: Side,
+    pub(crate) side: Orientation,
 }
 
 /// Which way left is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Side {
+pub(crate) enum Orientation {
     /// As recorded.
     Recorded,
     /// Where right was.
     Mirrored,
 }
 
-impl<'a> AugmentedView<'a> {
+impl<'a> OrientedView<'a> {
     /// As recorded.
     pub(crate) fn recorded(observation: &Observation<'a>) -> Self {
-        Self { observation: *observation, side: Side::Recorded }
+        Self { observation: *observation, side: Orientation::Recorded }
     }
 }
 
-impl Side {
+impl Orientation {
     /// A position or displacement of the window's frame.
     pub(crate) fn turn(self, state: TrackState) -> TrackState {
         match self {

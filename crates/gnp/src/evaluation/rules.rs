@@ -1,0 +1,64 @@
+//! The predictors without a network, fitted to a run's training windows and kept with the run.
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use gnp_baselines::{Parameters, RULES, Rule};
+use gnp_data::Window;
+use serde::{Deserialize, Serialize};
+
+use super::systems::System;
+use crate::error::{Context as _, Result};
+use crate::run::Run;
+use crate::run::folder::write_json;
+
+/// File of the fitted parameters in a run folder.
+const FILE: &str = "rules.json";
+
+/// Most training windows that rules are fitted to; of more, every n-th is taken.
+const MOST: usize = 2000;
+
+/// `rules.json`: parameters by the name of the rule, and the split whose training windows they were fitted to.
+#[derive(Debug, Serialize, Deserialize)]
+struct Fitted {
+    split_hash: String,
+    rules: BTreeMap<String, Parameters>,
+}
+
+/// Every rule as fitted to the run's training windows: now, and from `rules.json` from then on.
+///
+/// # Errors
+/// When a rule cannot be fitted or the file cannot be used.
+pub(crate) fn systems(run: &Run) -> Result<Vec<System>> {
+    let fitted = fitted(run)?;
+    let system = |rule: &Rule| -> Result<System> {
+        let parameters = fitted.rules.get(rule.name()).unwrap_or(&Parameters::Null);
+        let predictor = rule.load(parameters).with_context(|| run.folder.path(FILE).display().to_string())?;
+        Ok(System::boxed(rule.name(), predictor))
+    };
+    RULES.iter().map(system).collect()
+}
+
+fn fitted(run: &Run) -> Result<Fitted> {
+    let path = run.folder.path(FILE);
+    if path.exists() {
+        let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let kept: Fitted =
+            serde_json::from_str(&text).with_context(|| format!("{} is damaged; remove it", path.display()))?;
+        let complete = RULES.iter().all(|rule| kept.rules.contains_key(rule.name()));
+        if complete && kept.split_hash == run.folder.state.split_hash {
+            return Ok(kept);
+        }
+    }
+    let set = run.windows()?;
+    let split = run.split(&set)?;
+    let step = split.train().len().div_ceil(MOST).max(1);
+    let training: Vec<Window<'_>> = split.train().iter().step_by(step).filter_map(|id| set.get(*id)).collect();
+    let mut rules = BTreeMap::new();
+    for rule in RULES {
+        rules.insert(rule.name().to_owned(), rule.fit(&training).with_context(|| rule.name())?);
+    }
+    let fitted = Fitted { split_hash: split.hash().to_owned(), rules };
+    write_json(&path, &fitted)?;
+    Ok(fitted)
+}

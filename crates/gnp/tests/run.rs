@@ -1,0 +1,105 @@
+//! A run through the library: what is trained, loaded, scored and stopped.
+
+#![allow(clippy::unwrap_used)] // also outside the test functions
+
+use std::path::Path;
+
+use candle_core::Device;
+use gnp::{Error, Machine, Plan, Run, RunConfig, Silent, Stage, Stop};
+use gnp_data::{Observation, Predictor as _};
+use gnp_model::{Gnp, NeighbourFuture, Selection};
+use tempfile::TempDir;
+
+fn config(more: &[&str]) -> RunConfig {
+    let settings = ["data.max_recordings=3", "goal.epochs=1", "attraction.epochs=1", "repulsion.epochs=1"];
+    let set: Vec<_> = settings.iter().chain(more).map(|text| text.parse().unwrap()).collect();
+    RunConfig::embedded("smoke", &set).unwrap()
+}
+
+fn trained(config: RunConfig, out: &Path) -> Run {
+    let mut run = Plan::new(config, None, out).begin(&Machine::default()).unwrap();
+    run.train().unwrap();
+    run
+}
+
+/// The model of a run once chose goals by another rule than `[predict]` says wherever it was shown: in the scene player
+/// and in replays.
+#[test]
+fn the_model_of_a_run_selects_goals_as_its_configuration_says() {
+    let out = TempDir::new().unwrap();
+    let run = trained(config(&["predict.selection=most_probable"]), &out.path().join("run"));
+    let set = run.windows().unwrap();
+    let seen: Vec<Observation<'_>> = set.iter().take(4).map(|window| window.observation()).collect();
+    let selecting = |selection| {
+        let gnp = Gnp::load(run.path(), NeighbourFuture::ConstantVelocity, &Device::Cpu).unwrap();
+        gnp.selecting(selection).predict(&seen, 6).unwrap()
+    };
+    let found = run.model().unwrap().predict(&seen, 6).unwrap();
+    assert_eq!(found, selecting(Selection::MostProbable));
+    assert_ne!(found, selecting(Selection::Medoids));
+}
+
+#[test]
+fn rules_are_fitted_once_and_kept_with_the_run() {
+    let out = TempDir::new().unwrap();
+    let mut run = trained(config(&[]), &out.path().join("run"));
+    run.perform(Stage::Evaluate).unwrap();
+    let scores = run.scores().unwrap();
+    let summary = scores.summary().unwrap();
+    assert_eq!(summary.sites[0].rows[0].name, "GNP");
+    let file = run.path().join("rules.json");
+    let fitted = std::fs::read_to_string(&file).unwrap();
+    let of = |scores: &gnp::Scores, model: &str| -> Vec<f64> {
+        scores.scores.iter().filter(|score| score.model == model).map(|score| score.value).collect()
+    };
+    assert!(!of(&scores, "Kalman filter").is_empty());
+
+    // The same numbers from the file; another noise is another filter.
+    run.forget(Stage::Evaluate).unwrap();
+    run.perform(Stage::Evaluate).unwrap();
+    let again = run.scores().unwrap();
+    assert_eq!(again.scores, scores.scores);
+    let mut changed: serde_json::Value = serde_json::from_str(&fitted).unwrap();
+    let wander = &mut changed["rules"]["Kalman filter"]["noise"][0]["wander"];
+    *wander = (wander.as_f64().unwrap() * 3.).into();
+    std::fs::write(&file, changed.to_string()).unwrap();
+    run.forget(Stage::Evaluate).unwrap();
+    run.perform(Stage::Evaluate).unwrap();
+    let other = run.scores().unwrap();
+    assert_ne!(of(&other, "Kalman filter"), of(&scores, "Kalman filter"));
+    assert_eq!(of(&other, "gnp"), of(&scores, "gnp"));
+}
+
+#[test]
+fn a_stop_says_what_is_kept() {
+    let out = TempDir::new().unwrap();
+    let place = out.path().join("run");
+    let stop = Stop::new();
+    let machine = Machine::new(Device::Cpu, std::sync::Arc::new(Silent), stop.clone());
+    let mut run = Plan::new(config(&[]), None, &place).begin(&machine).unwrap();
+    assert!(!stop.request());
+    let error = run.train().unwrap_err();
+    assert_eq!(error.kept(), Some(Some(&place)), "{}", error.chain());
+    // Before there is a folder, nothing is kept.
+    let error = Plan::new(config(&[]), None, out.path().join("other")).begin(&machine).unwrap_err();
+    assert!(matches!(error, Error::Stopped { kept: None }), "{}", error.chain());
+    assert!(!out.path().join("other").exists());
+    trained_on(&place);
+}
+
+/// What was stopped goes on.
+fn trained_on(place: &Path) {
+    let mut run = Plan::resume(place).begin(&Machine::default()).unwrap();
+    run.train().unwrap();
+    assert!(run.state().finished.contains_key(&Stage::Repulsion));
+}
+
+#[test]
+fn a_run_that_is_not_finished_has_no_scores() {
+    let out = TempDir::new().unwrap();
+    let place = out.path().join("run");
+    let run = Plan::new(config(&[]), None, &place).begin(&Machine::default()).unwrap();
+    assert!(matches!(run.scores().unwrap_err(), Error::Folder(_)));
+    assert!(Run::finished(&place, &Machine::default()).unwrap_err().chain().contains("gnp pipeline --resume"));
+    assert!(run.model().is_err());
+}
