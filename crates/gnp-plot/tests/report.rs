@@ -134,7 +134,7 @@ fn a_report_opens_with_what_was_found() {
         "id=\"player\"",
         "Scores under clean",
         "<h3>Scores</h3>",
-        "id=\"modes\"",
+        "<figure id=\"modes\"",
         "<summary><h2>Other protocols",
         "<h3>Best of 20</h3>",
         "</details>",
