@@ -187,7 +187,10 @@ fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<()> {
     if stem == "table2" {
         return Ok(gnp::ablate(&plan, &crate::machine(&args.machine, program)?)?);
     }
-    let recipes = args.recipes.as_ref().map_or_else(Recipes::embedded, |path| Recipes::read(path))?;
+    let recipes = match &args.recipes {
+        Some(path) => Recipes::read(path)?,
+        None => Recipes::embedded()?,
+    };
     Ok(gnp::compare(&plan, &recipes, &crate::machine(&args.machine, program)?)?)
 }
 

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::recording::{LaneMarking, MarkingKind};
+use gnp_force::MarkingKind;
+
+use crate::recording::LaneMarking;
 
 /// Width of a lane of an American motorway: 12 feet, m.
 const LANE_WIDTH: f32 = 3.66;

@@ -16,6 +16,7 @@ mod cache;
 mod dataset;
 mod discover;
 mod error;
+mod explanation;
 mod format;
 mod formats;
 mod ingest_report;
@@ -40,15 +41,16 @@ pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
 pub use crate::dataset::{Dataset, DatasetNameError};
 pub use crate::discover::{FoundFile, FoundFiles, discover_with};
 pub use crate::error::DataError;
+pub use crate::explanation::{Explanation, TermForces};
 pub use crate::format::{Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read};
 pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
 pub use crate::lanes::{LaneFit, fit_lanes};
 pub use crate::live::{LiveError, LiveScene, Sample};
 pub use crate::neighbours::{LanePosition, find_neighbours};
 pub use crate::overlap::{Overlap, groups, overlaps};
-pub use crate::predictor::{Explanation, Forecast, Mode, OraclePredictor, PredictError, Predictor, StepForces};
+pub use crate::predictor::{Forecast, Mode, OraclePredictor, PredictError, Predictor};
 pub use crate::recording::{
-    Columns, LaneMarking, MarkingKind, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,
+    Columns, LaneMarking, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,
 };
 pub use crate::slot::{BySlot, SLOTS, Slot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
@@ -56,3 +58,4 @@ pub use crate::standardise::Standardiser;
 pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey};
 pub use crate::window_shape::{WindowError, WindowShape};
 pub use crate::windows::{DropCounts, RecordingDrops, WindowConfig, WindowSet};
+pub use gnp_force::MarkingKind;

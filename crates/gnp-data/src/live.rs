@@ -253,7 +253,7 @@ impl LiveScene {
             || self.vehicles.iter().flat_map(|(id, it)| it.samples.iter().map(move |(f, s)| (*id, *f, s, it.body)));
         let first = all().map(|(_, frame, ..)| frame).min().unwrap_or(0);
         // A span that a recording cannot have is refused there.
-        let frame = |frame: i64| u32::try_from(frame - first).unwrap_or(u32::MAX - 1);
+        let frame = |frame: i64| u32::try_from(frame.saturating_sub(first)).unwrap_or(u32::MAX - 1);
         let column = |axis: usize| all().map(|(_, _, sample, _)| sample.position[axis]).collect();
         let (vehicle, frames): (Vec<u32>, Vec<u32>) = all().map(|(id, at, ..)| (id, frame(at))).unzip();
         let lane = all().map(|(_, _, sample, _)| self.lane(sample.position[1])).collect();

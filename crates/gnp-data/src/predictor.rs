@@ -1,6 +1,6 @@
 //! What predicts, and what it gives.
 
-use crate::slot::SLOTS;
+use crate::explanation::Explanation;
 use crate::window::{Observation, Window};
 use crate::window_shape::WindowShape;
 
@@ -47,34 +47,6 @@ pub struct Mode {
     pub path: Vec<[f32; 2]>,
     /// The forces that made the path, for predictors that have them.
     pub explanation: Option<Explanation>,
-}
-
-/// Why a path is what it is: the goal, and the forces of each step.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Explanation {
-    /// Where the vehicle is drawn to, m, window frame.
-    pub goal: [f32; 2],
-    /// One entry a predicted frame.
-    pub steps: Vec<StepForces>,
-}
-
-/// Forces of one step, as accelerations in m/s², and the parameters the networks gave.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct StepForces {
-    /// Attraction of the goal.
-    pub goal: [f32; 2],
-    /// Repulsion of all neighbours together.
-    pub neighbours: [f32; 2],
-    /// Repulsion of all lane lines together.
-    pub lines: [f32; 2],
-    /// Repulsion of each neighbour slot; zero where nobody is.
-    pub by_slot: [[f32; 2]; SLOTS],
-    /// Relaxation time, s.
-    pub tau: f32,
-    /// Strength of each neighbour slot, m/s²; zero where nobody is.
-    pub k_slots: [f32; SLOTS],
-    /// Strength of each lane line, from right to left.
-    pub k_lines: Vec<f32>,
 }
 
 /// Why a predictor gave no forecast.

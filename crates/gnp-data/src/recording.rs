@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use gnp_force::MarkingKind;
 use serde::{Deserialize, Serialize};
 
 use crate::dataset::Dataset;
@@ -18,16 +19,6 @@ pub enum VehicleClass {
     Car,
     /// highD `Truck`, NGSIM class 3; buses as well.
     Truck,
-}
-
-/// Whether a lane line may be crossed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum MarkingKind {
-    /// The edge of the carriageway.
-    Boundary,
-    /// A line between two lanes.
-    LaneDivider,
 }
 
 /// A lane line of a straight road.

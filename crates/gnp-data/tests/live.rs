@@ -137,7 +137,7 @@ fn bad_samples_are_refused_and_change_nothing() {
     let flat = scene.push(6, [4.5, 0.], VehicleClass::Car, &[sample(0.04)]);
     assert!(matches!(flat, Err(LiveError::Value { vehicle: 6, .. })));
     assert_eq!(scene.recording().unwrap().len(), 42);
-    let far = Sample::new(1e9, [0., 0.]);
+    let far = Sample::new(1e300, [0., 0.]);
     add(&mut scene, 5, &[far]).unwrap();
     assert!(matches!(scene.recording(), Err(LiveError::Data(_))), "two moments years apart are no scene");
 }

@@ -58,6 +58,18 @@ pub enum EvalError {
         /// What differs.
         what: &'static str,
     },
+    /// A force that a prediction file has no columns for.
+    #[error(
+        "cannot write {}: its columns are settled, and a later forecast is explained by another force term, `{term}`; write \
+         forecasts of one model to one file",
+        .path.display()
+    )]
+    Term {
+        /// The file.
+        path: PathBuf,
+        /// Name of the term.
+        term: String,
+    },
     /// A model failed.
     #[error("windows from recording {}, vehicle {}, frame {} on", .first.recording, .first.vehicle, .first.t0)]
     Predict {

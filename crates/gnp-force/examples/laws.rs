@@ -1,6 +1,6 @@
 //! The four laws over distance, as CSV: `cargo run --example laws [-- --svg FILE]`.
 use gnp_force::{
-    LineKind, Side, goal_force, line_force,
+    MarkingKind, Side, goal_force, line_force,
     nalgebra::{Point2, Vector2},
     vehicle_force,
 };
@@ -13,8 +13,8 @@ use chart::{Curve, Panel, draw};
 fn main() -> Result<(), Box<dyn Error>> {
     let goal = |d: f64| goal_force(Point2::new(-d, 0.0), Vector2::new(25.0, 0.0), Point2::origin(), 5.0, 1.0).x;
     let vehicle = |d: f64| vehicle_force(Vector2::new(d, 0.0), 9.0, 26.0).x;
-    let centre = |d: f64| line_force(LineKind::LaneDivider, d, 0.2, Side::Left);
-    let boundary = |d: f64| line_force(LineKind::Boundary, d, 0.3, Side::Left);
+    let centre = |d: f64| line_force(MarkingKind::LaneDivider, d, 0.2, Side::Left);
+    let boundary = |d: f64| line_force(MarkingKind::Boundary, d, 0.3, Side::Left);
 
     println!("distance_m,goal_mps2,vehicle_mps2,centre_line_mps2,boundary_mps2");
     for i in -200..=200 {

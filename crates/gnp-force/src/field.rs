@@ -1,7 +1,7 @@
 //! All forces on one vehicle, apart by source.
 use crate::{
     goal::{GoalForceVjp, goal_force, goal_force_vjp},
-    line::{LineForceVjp, LineKind, Side, line_force, line_force_vjp},
+    line::{LineForceVjp, MarkingKind, Side, line_force, line_force_vjp},
     state::State,
     vehicle::{VehicleForceVjp, vehicle_force, vehicle_force_vjp},
 };
@@ -36,7 +36,7 @@ pub struct Neighbour<T: RealField> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Line<T> {
     /// Centre line or boundary.
-    pub kind: LineKind,
+    pub kind: MarkingKind,
     /// Lateral position, in m.
     pub y: T,
     /// The side on which the road lies; a centre line ignores it.
@@ -48,11 +48,11 @@ pub struct Line<T> {
 /// Everything that acts on one vehicle at one time. It keeps nothing: the caller owns the state.
 ///
 /// ```
-/// use gnp_force::{Attraction, ForceField, Line, LineKind, Neighbour, Side, State, nalgebra::Point2};
+/// use gnp_force::{Attraction, ForceField, Line, MarkingKind, Neighbour, Side, State, nalgebra::Point2};
 /// let field = ForceField {
 ///     goal: Some(Attraction { goal: Point2::new(150.0, 0.0), time_left: 5.0, tau: 1.0 }),
 ///     neighbours: &[Neighbour { position: Point2::new(40.0, 0.0), k: 5.0, r_col: 26.0 }],
-///     lines: &[Line { kind: LineKind::Boundary, y: -1.75, road: Side::Left, k: 0.3 }],
+///     lines: &[Line { kind: MarkingKind::Boundary, y: -1.75, road: Side::Left, k: 0.3 }],
 /// };
 /// let forces = field.forces(&State::new(0.0, 0.0, 28.0, 0.0));
 /// assert!(forces.goal.x > 0.0); // 30 m/s wanted

@@ -12,7 +12,11 @@
 //! [`goal_dissipation`].
 //!
 //! Both times are taken as at least [`MIN_TIME`], which keeps the force finite when no time is left.
-use crate::scalar::lit;
+use crate::{
+    scalar::lit,
+    state::State,
+    term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp},
+};
 use nalgebra::{Point2, RealField, Vector2};
 
 /// Least time left and least relaxation time, in s; smaller values count as this one.
@@ -102,5 +106,48 @@ pub fn goal_force_vjp<T: RealField + Copy>(
         goal: -position,
         time_left: if time_free { position.dot(&way) / time } else { T::zero() },
         tau: if tau_free { velocity.dot(&(way / time - v)) / tau } else { T::zero() },
+    }
+}
+
+/// The attraction as a term of the force: [`goal_force`] with the parameter `tau`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GoalAttraction;
+
+impl GoalAttraction {
+    /// Its name in files.
+    pub const NAME: &'static str = "goal";
+}
+
+static PARAMETERS: [TermParameter; 1] = [TermParameter::varying("tau", "s", "relaxation time")];
+static DESCRIPTOR: TermDescriptor =
+    TermDescriptor::fixed([GoalAttraction::NAME, "goal", "attraction of the goal"], "#f5c400", Arity::One, &PARAMETERS);
+
+impl<T: RealField + Copy> ForceTerm<T> for GoalAttraction {
+    fn descriptor(&self) -> &TermDescriptor {
+        &DESCRIPTOR
+    }
+
+    #[inline]
+    fn force(&self, state: &State<T>, source: &Source<T>, parameters: &[T]) -> Vector2<T> {
+        let (&Source::Goal { goal, time_left }, &[tau]) = (source, parameters) else { return Vector2::zeros() };
+        goal_force(state.position, state.velocity, goal, time_left, tau)
+    }
+
+    #[inline]
+    fn vjp(
+        &self,
+        state: &State<T>,
+        source: &Source<T>,
+        parameters: &[T],
+        cotangent: Vector2<T>,
+        dparameters: &mut [T],
+    ) -> TermVjp<T> {
+        let (&Source::Goal { goal, time_left }, &[tau], [dtau]) = (source, parameters, dparameters) else {
+            return TermVjp::zeros();
+        };
+        let vjp = goal_force_vjp(state.position, state.velocity, goal, time_left, tau, cotangent);
+        *dtau = vjp.tau;
+        let (position, velocity) = (vjp.position, vjp.velocity);
+        TermVjp { position, velocity, source_position: vjp.goal, source_velocity: Vector2::zeros() }
     }
 }

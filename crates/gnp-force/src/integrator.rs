@@ -62,9 +62,11 @@ fn weighted<T: RealField + Copy>(
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 pub enum Integrator {
-    /// [`explicit_euler`].
+    /// [`explicit_euler`], `explicit` in a configuration.
+    #[cfg_attr(feature = "serde", serde(rename = "explicit", alias = "explicit_euler"))]
     ExplicitEuler,
-    /// [`semi_implicit_euler`].
+    /// [`semi_implicit_euler`], `semi_implicit` in a configuration.
+    #[cfg_attr(feature = "serde", serde(rename = "semi_implicit", alias = "semi_implicit_euler"))]
     SemiImplicitEuler,
     /// [`runge_kutta4`].
     RungeKutta4,

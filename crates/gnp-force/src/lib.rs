@@ -31,6 +31,9 @@
 //! assert!((state.position - Point2::new(150.0, 3.75)).norm() < 2.0);
 //! ```
 //!
+//! Each law is also a [`ForceTerm`] with a [`TermDescriptor`]: roll-outs, files and figures read its name, unit, colour and
+//! parameters there, and a term of one's own stands beside the three of this crate.
+//!
 //! Many vehicles at once: [`Simulator`]. Whole programs: `examples/car_following.rs`, `cut_in.rs`,
 //! `lane_change_past_truck.rs`, `motorway_section.rs`.
 //!
@@ -45,22 +48,27 @@ mod road;
 mod scalar;
 mod simulator;
 mod state;
+mod term;
 mod vehicle;
 
 pub use crate::{
     boxes::{BoxForceVjp, Extent, Separation, box_force, box_force_vjp, box_potential, separation},
     error::ForceError,
     field::{Attraction, FieldVjp, ForceField, Forces, Line, Neighbour},
-    goal::{GoalForceVjp, MIN_TIME, goal_dissipation, goal_force, goal_force_vjp, goal_potential},
+    goal::{GoalAttraction, GoalForceVjp, MIN_TIME, goal_dissipation, goal_force, goal_force_vjp, goal_potential},
     integrator::{Integrator, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler},
-    line::{BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineKind, Side, line_force, line_force_vjp, line_potential},
+    line::{
+        BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineRepulsion, MarkingKind, Side, line_force, line_force_vjp,
+        line_potential,
+    },
     road::Road,
     simulator::{
         Arrival, CruiseParams, Drive, ForceBreakdown, MotorwayRule, NeighbourSearch, Repulsion, Simulator,
         SimulatorParams, Surroundings, Vehicle, VehicleId,
     },
     state::State,
-    vehicle::{SOFTENING, VehicleForceVjp, vehicle_force, vehicle_force_vjp, vehicle_potential},
+    term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp, term, terms},
+    vehicle::{SOFTENING, VehicleForceVjp, VehicleRepulsion, vehicle_force, vehicle_force_vjp, vehicle_potential},
 };
 pub use nalgebra;
 

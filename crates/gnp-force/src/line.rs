@@ -17,8 +17,12 @@
 //!   0.71 m, and not at all a vehicle exactly on it.
 //! - A boundary is capped at [`BOUNDARY_CAP`]: nearer than that, on it and beyond it, the force stays at 8 k and points
 //!   to the road, so that a vehicle that has left the road is pushed back onto it.
-use crate::scalar::lit;
-use nalgebra::RealField;
+use crate::{
+    scalar::lit,
+    state::State,
+    term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp},
+};
+use nalgebra::{RealField, Vector2};
 
 /// Distance beyond which a centre line no longer pushes, in m.
 pub const CENTRE_CUTOFF: f64 = 4.0;
@@ -26,14 +30,14 @@ pub const CENTRE_CUTOFF: f64 = 4.0;
 /// Distance below which the push of a boundary no longer grows, in m.
 pub const BOUNDARY_CAP: f64 = 0.5;
 
-/// What a line is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// Whether a line on the road may be crossed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-pub enum LineKind {
-    /// Between two lanes: pushes away to both sides and may be crossed.
-    LaneDivider,
+pub enum MarkingKind {
     /// Edge of the carriageway: pushes to the road's side only.
     Boundary,
+    /// Between two lanes: pushes away to both sides and may be crossed.
+    LaneDivider,
 }
 
 /// A side of a line, looking along the road.
@@ -65,13 +69,13 @@ impl Side {
 /// - `road`: the side of the line on which the road lies; a centre line has road on both and ignores it
 #[inline]
 #[must_use]
-pub fn line_potential<T: RealField + Copy>(kind: LineKind, d: T, k: T, road: Side) -> T {
+pub fn line_potential<T: RealField + Copy>(kind: MarkingKind, d: T, k: T, road: Side) -> T {
     match kind {
-        LineKind::LaneDivider => {
+        MarkingKind::LaneDivider => {
             let d = d.abs().min(lit(CENTRE_CUTOFF));
             k * (-d * d).exp()
         }
-        LineKind::Boundary => {
+        MarkingKind::Boundary => {
             let cap = lit::<T>(BOUNDARY_CAP);
             let s = d * road.sign::<T>();
             let free = s.max(cap);
@@ -84,19 +88,19 @@ pub fn line_potential<T: RealField + Copy>(kind: LineKind, d: T, k: T, road: Sid
 /// Lateral push of a line in m/s², positive to the left; arguments as for [`line_potential`].
 ///
 /// ```
-/// use gnp_force::{LineKind, Side, line_force};
+/// use gnp_force::{MarkingKind, Side, line_force};
 /// // One metre to the right of the left edge of the road: pushed to the right.
-/// assert_eq!(line_force(LineKind::Boundary, -1.0, 0.3, Side::Right), -0.3);
+/// assert_eq!(line_force(MarkingKind::Boundary, -1.0, 0.3, Side::Right), -0.3);
 /// // One metre beyond that edge: pushed back, with the capped strength 8 k.
-/// assert_eq!(line_force(LineKind::Boundary, 1.0, 0.25, Side::Right), -2.0);
+/// assert_eq!(line_force(MarkingKind::Boundary, 1.0, 0.25, Side::Right), -2.0);
 /// ```
 #[inline]
 #[must_use]
-pub fn line_force<T: RealField + Copy>(kind: LineKind, d: T, k: T, road: Side) -> T {
+pub fn line_force<T: RealField + Copy>(kind: MarkingKind, d: T, k: T, road: Side) -> T {
     match kind {
-        LineKind::LaneDivider if d.abs() < lit(CENTRE_CUTOFF) => lit::<T>(2.0) * k * d * (-d * d).exp(),
-        LineKind::LaneDivider => T::zero(),
-        LineKind::Boundary => {
+        MarkingKind::LaneDivider if d.abs() < lit(CENTRE_CUTOFF) => lit::<T>(2.0) * k * d * (-d * d).exp(),
+        MarkingKind::LaneDivider => T::zero(),
+        MarkingKind::Boundary => {
             let side = road.sign::<T>();
             let s = (d * side).max(lit(BOUNDARY_CAP));
             side * k / (s * s * s)
@@ -116,16 +120,63 @@ pub struct LineForceVjp<T> {
 /// Vector-Jacobian product of [`line_force`]: the gradient of `cotangent F` with respect to `d` and `k`.
 #[inline]
 #[must_use]
-pub fn line_force_vjp<T: RealField + Copy>(kind: LineKind, d: T, k: T, road: Side, cotangent: T) -> LineForceVjp<T> {
+pub fn line_force_vjp<T: RealField + Copy>(kind: MarkingKind, d: T, k: T, road: Side, cotangent: T) -> LineForceVjp<T> {
     let slope = match kind {
-        LineKind::LaneDivider if d.abs() < lit(CENTRE_CUTOFF) => {
+        MarkingKind::LaneDivider if d.abs() < lit(CENTRE_CUTOFF) => {
             lit::<T>(2.0) * k * (T::one() - lit::<T>(2.0) * d * d) * (-d * d).exp()
         }
-        LineKind::LaneDivider => T::zero(),
-        LineKind::Boundary => {
+        MarkingKind::LaneDivider => T::zero(),
+        MarkingKind::Boundary => {
             let s = d * road.sign::<T>();
             if s < lit(BOUNDARY_CAP) { T::zero() } else { lit::<T>(-3.0) * k / (s * s * s * s) }
         }
     };
     LineForceVjp { d: cotangent * slope, k: cotangent * line_force(kind, d, T::one(), road) }
+}
+
+/// The repulsion of lines as a term of the force: [`line_force`] across the road with the parameter `k`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LineRepulsion;
+
+impl LineRepulsion {
+    /// Its name in files.
+    pub const NAME: &'static str = "lines";
+}
+
+static PARAMETERS: [TermParameter; 1] = [TermParameter::varying("k", "m²/s², of a boundary m⁴/s²", "strength")];
+static DESCRIPTOR: TermDescriptor = TermDescriptor::fixed(
+    [LineRepulsion::NAME, "lane lines", "repulsion of all lane lines"],
+    "#000000",
+    Arity::PerLine,
+    &PARAMETERS,
+);
+
+impl<T: RealField + Copy> ForceTerm<T> for LineRepulsion {
+    fn descriptor(&self) -> &TermDescriptor {
+        &DESCRIPTOR
+    }
+
+    #[inline]
+    fn force(&self, state: &State<T>, source: &Source<T>, parameters: &[T]) -> Vector2<T> {
+        let (&Source::Line { kind, y, road }, &[k]) = (source, parameters) else { return Vector2::zeros() };
+        Vector2::new(T::zero(), line_force(kind, state.position.y - y, k, road))
+    }
+
+    #[inline]
+    fn vjp(
+        &self,
+        state: &State<T>,
+        source: &Source<T>,
+        parameters: &[T],
+        cotangent: Vector2<T>,
+        dparameters: &mut [T],
+    ) -> TermVjp<T> {
+        let (&Source::Line { kind, y, road }, &[k], [dk]) = (source, parameters, dparameters) else {
+            return TermVjp::zeros();
+        };
+        let vjp = line_force_vjp(kind, state.position.y - y, k, road, cotangent.y);
+        *dk = vjp.k;
+        let position = Vector2::new(T::zero(), vjp.d);
+        TermVjp { position, source_position: -position, ..TermVjp::zeros() }
+    }
 }

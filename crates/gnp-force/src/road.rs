@@ -2,7 +2,7 @@
 use crate::{
     error::{ForceError, require, require_not_negative, require_positive},
     field::Line,
-    line::{LineKind, Side},
+    line::{MarkingKind, Side},
     scalar::lit,
 };
 use nalgebra::RealField;
@@ -67,12 +67,12 @@ impl<T: RealField + Copy> Road<T> {
     pub fn motorway(lanes: usize, lane_width: T) -> Result<Self, ForceError> {
         require(lanes > 0, "lanes", T::zero(), "at least 1")?;
         require_positive("lane_width", lane_width)?;
-        let edge = |y, road| Line { kind: LineKind::Boundary, y, road, k: lit(0.3) };
+        let edge = |y, road| Line { kind: MarkingKind::Boundary, y, road, k: lit(0.3) };
         let mut lines = vec![edge(T::zero(), Side::Left)];
         let mut y = T::zero();
         for _ in 1..lanes {
             y += lane_width;
-            lines.push(Line { kind: LineKind::LaneDivider, y, road: Side::Left, k: lit(0.2) });
+            lines.push(Line { kind: MarkingKind::LaneDivider, y, road: Side::Left, k: lit(0.2) });
         }
         lines.push(edge(y + lane_width, Side::Right));
         Self::new(lines)
@@ -108,8 +108,8 @@ impl<T: RealField + Copy> Road<T> {
     pub fn strongest_push(&self) -> T {
         self.lines.iter().fold(T::zero(), |sum, line| {
             let most = match line.kind {
-                LineKind::LaneDivider => lit::<T>((2.0_f64 / std::f64::consts::E).sqrt()),
-                LineKind::Boundary => lit(8.0),
+                MarkingKind::LaneDivider => lit::<T>((2.0_f64 / std::f64::consts::E).sqrt()),
+                MarkingKind::Boundary => lit(8.0),
             };
             sum + line.k * most
         })
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(Road::new(lines).unwrap().lines(), sorted);
         assert_eq!(
             sorted.iter().map(|line| line.kind).collect::<Vec<_>>(),
-            [LineKind::Boundary, LineKind::LaneDivider, LineKind::Boundary]
+            [MarkingKind::Boundary, MarkingKind::LaneDivider, MarkingKind::Boundary]
         );
         assert_eq!((sorted[0].road, sorted[2].road), (Side::Left, Side::Right));
     }

@@ -8,7 +8,11 @@
 //! `F` is exactly minus the gradient of `U` (GNP paper, vehicle repulsion). The softening of the distance by
 //! [`SOFTENING`] makes both smooth where two vehicles coincide: there the force is 0, and nowhere does it exceed `k`.
 //! The law is symmetric: a vehicle behind pushes as one ahead does.
-use crate::scalar::lit;
+use crate::{
+    scalar::lit,
+    state::State,
+    term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp},
+};
 use nalgebra::{RealField, Vector2};
 
 /// Added to the squared distance, in m²: 0.1 mm squared.
@@ -76,5 +80,57 @@ pub fn vehicle_force_vjp<T: RealField + Copy>(
         r: (cotangent - r * bend) * (k * decay / d),
         k: decay * along / d,
         r_col: k * decay * along / (r_col * r_col),
+    }
+}
+
+/// The repulsion as a term of the force: [`vehicle_force`] with the parameters `k` and `r_col`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct VehicleRepulsion;
+
+impl VehicleRepulsion {
+    /// Its name in files.
+    pub const NAME: &'static str = "neighbours";
+}
+
+static PARAMETERS: [TermParameter; 2] = [
+    TermParameter::varying("k", "m/s²", "strength"),
+    TermParameter::constant("r_col", "m", "distance over which the push falls to 1/e"),
+];
+static DESCRIPTOR: TermDescriptor = TermDescriptor::fixed(
+    [VehicleRepulsion::NAME, "neighbours", "repulsion of all neighbours"],
+    "#0072b2",
+    Arity::PerNeighbour,
+    &PARAMETERS,
+);
+
+impl<T: RealField + Copy> ForceTerm<T> for VehicleRepulsion {
+    fn descriptor(&self) -> &TermDescriptor {
+        &DESCRIPTOR
+    }
+
+    #[inline]
+    fn force(&self, state: &State<T>, source: &Source<T>, parameters: &[T]) -> Vector2<T> {
+        let (Source::Vehicle { state: other, .. }, &[k, r_col]) = (source, parameters) else {
+            return Vector2::zeros();
+        };
+        vehicle_force(state.position - other.position, k, r_col)
+    }
+
+    #[inline]
+    fn vjp(
+        &self,
+        state: &State<T>,
+        source: &Source<T>,
+        parameters: &[T],
+        cotangent: Vector2<T>,
+        dparameters: &mut [T],
+    ) -> TermVjp<T> {
+        let (Source::Vehicle { state: other, .. }, &[k, r_col], [dk, dr_col]) = (source, parameters, dparameters)
+        else {
+            return TermVjp::zeros();
+        };
+        let vjp = vehicle_force_vjp(state.position - other.position, k, r_col, cotangent);
+        (*dk, *dr_col) = (vjp.k, vjp.r_col);
+        TermVjp { position: vjp.r, source_position: -vjp.r, ..TermVjp::zeros() }
     }
 }

@@ -1,6 +1,6 @@
 //! Every force is minus the gradient of its potential, in f64 to 1e-6, and finite where the formula is not.
 use gnp_force::{
-    Extent, LineKind, Side, box_force, box_potential, goal_dissipation, goal_force, goal_potential, line_force,
+    Extent, MarkingKind, Side, box_force, box_potential, goal_dissipation, goal_force, goal_potential, line_force,
     line_potential,
     nalgebra::{Point2, Vector2},
     vehicle_force, vehicle_potential,
@@ -96,9 +96,11 @@ fn boxes_without_size_push_as_points_do() {
 
 #[test]
 fn lines_push_downhill() {
-    for (kind, road) in
-        [(LineKind::LaneDivider, Side::Left), (LineKind::Boundary, Side::Left), (LineKind::Boundary, Side::Right)]
-    {
+    for (kind, road) in [
+        (MarkingKind::LaneDivider, Side::Left),
+        (MarkingKind::Boundary, Side::Left),
+        (MarkingKind::Boundary, Side::Right),
+    ] {
         for i in -600..600 {
             let d = f64::from(i) * 0.01 + 0.003;
             let k = 0.7;
@@ -112,7 +114,8 @@ fn lines_push_downhill() {
 
 #[test]
 fn line_potentials_have_no_step() {
-    for (kind, at) in [(LineKind::LaneDivider, 4.0), (LineKind::LaneDivider, -4.0), (LineKind::Boundary, 0.5)] {
+    for (kind, at) in [(MarkingKind::LaneDivider, 4.0), (MarkingKind::LaneDivider, -4.0), (MarkingKind::Boundary, 0.5)]
+    {
         let jump: f64 =
             line_potential(kind, at + 1e-9, 1.0, Side::Left) - line_potential(kind, at - 1e-9, 1.0, Side::Left);
         assert!(jump.abs() < 1e-6, "{kind:?} at {at}: {jump}");
@@ -123,16 +126,16 @@ fn line_potentials_have_no_step() {
 fn a_boundary_always_points_to_the_road() {
     for i in -2000..2000 {
         let d = f64::from(i) * 0.01;
-        assert!(line_force(LineKind::Boundary, d, 0.3, Side::Left) > 0.0, "at {d} m");
-        assert!(line_force(LineKind::Boundary, d, 0.3, Side::Right) < 0.0, "at {d} m");
-        assert!(line_force(LineKind::Boundary, d, 0.3, Side::Left) <= 8.0 * 0.3, "at {d} m");
+        assert!(line_force(MarkingKind::Boundary, d, 0.3, Side::Left) > 0.0, "at {d} m");
+        assert!(line_force(MarkingKind::Boundary, d, 0.3, Side::Right) < 0.0, "at {d} m");
+        assert!(line_force(MarkingKind::Boundary, d, 0.3, Side::Left) <= 8.0 * 0.3, "at {d} m");
     }
-    assert!((line_force(LineKind::Boundary, 2.0_f64, 0.4, Side::Left) - 0.05).abs() < 1e-12, "k / d³");
+    assert!((line_force(MarkingKind::Boundary, 2.0_f64, 0.4, Side::Left) - 0.05).abs() < 1e-12, "k / d³");
 }
 
 #[test]
 fn a_centre_line_pushes_to_both_sides_and_not_beyond_its_cut_off() {
-    let push = |d: f64| line_force(LineKind::LaneDivider, d, 0.5, Side::Left);
+    let push = |d: f64| line_force(MarkingKind::LaneDivider, d, 0.5, Side::Left);
     assert!((push(1.0) - (-1.0_f64).exp()).abs() < 1e-12, "2 k d exp(-d²)");
     assert_eq!(push(-1.0), -push(1.0));
     assert_eq!((push(0.0), push(4.0), push(-5.0)), (0.0, 0.0, 0.0));
@@ -149,7 +152,7 @@ fn singular_places_are_finite_in_both_precisions() {
         assert_eq!(goal_force(Point2::origin(), zero, Point2::origin(), none, none), zero);
         let late = goal_force(Point2::origin(), zero, Point2::new(one, none), none, none);
         assert!(late.x > none && late.x.is_finite(), "no time left");
-        for kind in [LineKind::LaneDivider, LineKind::Boundary] {
+        for kind in [MarkingKind::LaneDivider, MarkingKind::Boundary] {
             assert!(line_force(kind, none, one, Side::Left).is_finite());
             assert!(line_potential(kind, none, one, Side::Right).is_finite());
         }

@@ -1,5 +1,4 @@
 //! What the `serde` feature writes it reads again, and nothing it does not know.
-#![cfg(feature = "serde")]
 use gnp_force::{Drive, Forces, Line, Road, SimulatorParams, State, Vehicle};
 
 #[test]

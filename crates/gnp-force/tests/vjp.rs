@@ -1,6 +1,6 @@
 //! Every vector-Jacobian product against central differences, input by input.
 use gnp_force::{
-    Attraction, Extent, ForceField, Line, LineKind, Neighbour, Side, State, box_force, box_force_vjp, goal_force,
+    Attraction, Extent, ForceField, Line, MarkingKind, Neighbour, Side, State, box_force, box_force_vjp, goal_force,
     goal_force_vjp, line_force, line_force_vjp,
     nalgebra::{Point2, Vector2},
     vehicle_force, vehicle_force_vjp,
@@ -95,9 +95,11 @@ fn of_the_box_repulsion() {
 
 #[test]
 fn of_the_lines() {
-    for (kind, road) in
-        [(LineKind::LaneDivider, Side::Left), (LineKind::Boundary, Side::Left), (LineKind::Boundary, Side::Right)]
-    {
+    for (kind, road) in [
+        (MarkingKind::LaneDivider, Side::Left),
+        (MarkingKind::Boundary, Side::Left),
+        (MarkingKind::Boundary, Side::Right),
+    ] {
         for i in -60..60 {
             let d = f64::from(i) * 0.1 + 0.03;
             let vjp = line_force_vjp(kind, d, 0.7, road, -1.3);
@@ -117,8 +119,8 @@ fn of_the_whole_field() {
                 Neighbour { position: Point2::new(-9.0, 3.5), k: 1.7, r_col: 12.0 },
             ],
             lines: &[
-                Line { kind: LineKind::LaneDivider, y: line, road: Side::Left, k: 0.4 },
-                Line { kind: LineKind::Boundary, y: -2.0, road: Side::Left, k: 0.6 },
+                Line { kind: MarkingKind::LaneDivider, y: line, road: Side::Left, k: 0.4 },
+                Line { kind: MarkingKind::Boundary, y: -2.0, road: Side::Left, k: 0.6 },
             ],
         };
         let state = State::new(px, py, vx, vy);

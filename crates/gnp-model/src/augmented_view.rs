@@ -1,11 +1,11 @@
-//! An observation as the networks see it: as recorded, or mirrored and scaled_along_road along the road.
+//! An observation as the networks see it: as recorded, or mirrored and scaled along the road.
 
 use gnp_data::{BySlot, LaneMarking, Neighbour, Observation, Slot, TrackState, Truth, WindowShape};
 
 /// An observation, possibly mirrored left-right together with lanes, neighbours and slots, and
-/// possibly scaled_along_road along the road: augmentations for training, never used for prediction.
+/// possibly scaled along the road: augmentations for training, never used for prediction.
 ///
-/// Traffic is not symmetric (slow lanes are on the right), but lane changes are physics. A longitudinal_scale
+/// Traffic is not symmetric (slow lanes are on the right), but lane changes are physics. A longitudinal scale
 /// multiplies every length and speed along the road, so that headways in seconds stay: the same
 /// drivers in faster or slower traffic.
 #[derive(Clone, Copy, Debug)]
@@ -57,7 +57,7 @@ impl<'a> AugmentedView<'a> {
         if self.mirrored { slot.mirrored() } else { slot }
     }
 
-    /// TrackState of the target in observed frame `i`.
+    /// State of the target in observed frame `i`.
     #[must_use]
     pub fn target(&self, i: usize) -> TrackState {
         self.turned(self.observation.target(i))
@@ -120,13 +120,13 @@ pub struct AugmentedNeighbour<'a> {
 }
 
 impl AugmentedNeighbour<'_> {
-    /// TrackState in observed frame `i`; `None` where it is absent.
+    /// State in observed frame `i`; `None` where it is absent.
     #[must_use]
     pub fn state(&self, i: usize) -> Option<TrackState> {
         self.neighbour.state(i).map(|state| self.seen.turned(state))
     }
 
-    /// TrackState at the last observed frame with the velocity fitted as in [`AugmentedView::velocity`] over the
+    /// State at the last observed frame with the velocity fitted as in [`AugmentedView::velocity`] over the
     /// frames in which it is present.
     #[must_use]
     pub fn now(&self, window_s: f64) -> TrackState {

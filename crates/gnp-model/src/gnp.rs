@@ -6,12 +6,12 @@ use std::sync::Arc;
 use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
 use gnp_data::{
-    Explanation, Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, SLOTS, StepForces, Truth,
-    Window, WindowShape,
+    Explanation, Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, TermForces, Truth, Window,
+    WindowShape,
 };
 use gnp_goal::GoalNet;
 use gnp_modes::Modes;
-use gnp_traj::{Phase, RollOut, Scene, SocialForce};
+use gnp_traj::{Arity, ForceTerm, Phase, RollOut, RollOutBatch, SocialForce, TermRollOut};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::augmented_view::AugmentedView;
@@ -42,7 +42,7 @@ pub struct Gnp {
 }
 
 /// What was trained.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Trained {
     header: Header,
     pub(crate) features: Features,
@@ -143,6 +143,20 @@ impl Gnp {
     #[must_use]
     pub fn explaining(self, explain: bool) -> Self {
         Self { explain, ..self }
+    }
+
+    /// The same model with one more term of the force, with these values of its parameters; without physics it stays as
+    /// it is.
+    ///
+    /// # Errors
+    /// As [`SocialForce::with_term`].
+    pub fn with_term(self, law: Arc<dyn ForceTerm<f32>>, parameters: &[f64]) -> Result<Self, ModelError> {
+        let mut trained = self.trained;
+        let own = Arc::make_mut(&mut trained);
+        if let Some((force, phase)) = own.force.take() {
+            own.force = Some((force.with_term(law, parameters)?, phase));
+        }
+        Ok(Self { trained, ..self })
     }
 
     /// The same predictor on a pool of `threads` threads of its own, which its later clones share. The
@@ -334,51 +348,57 @@ fn plain(goals: Goals) -> Vec<Forecast> {
 }
 
 /// Forecasts with the forces of every step, from the roll-out's tensors.
-fn explained(out: &RollOut, scene: &Scene, goals: &Goals) -> Result<Vec<Forecast>, ModelError> {
+fn explained(out: &RollOut, batch: &RollOutBatch, goals: &Goals) -> Result<Vec<Forecast>, ModelError> {
     let flat = |tensor: &Tensor| -> Result<Vec<f32>, ModelError> { Ok(tensor.flatten_all()?.to_vec1::<f32>()?) };
-    let part = |tensor: &Option<Tensor>| tensor.as_ref().map_or_else(|| Ok(Vec::new()), flat);
-    let (path, goal, tau) = (flat(&out.path)?, flat(&out.goal_force)?, flat(&out.tau)?);
-    let (slots, k_slots) = (part(&out.neighbour_forces)?, part(&out.k)?);
-    let (lines, k_lines) = (part(&out.line_forces)?, part(&out.k_line)?);
-    let present = match (&scene.lines, lines.is_empty()) {
-        (Some(given), false) => given.present.to_vec2::<f32>()?,
-        _ => vec![Vec::new(); goals.probabilities.len()],
+    let path: Vec<[f32; 2]> = pairs(&flat(&out.path)?);
+    let mut terms = Vec::with_capacity(out.terms.len());
+    for TermRollOut { term, forces, parameters, .. } in &out.terms {
+        let (forces, sources) = (pairs(&flat(forces)?), forces.dim(3)?);
+        terms.push((term, sources, forces, parameters.iter().map(flat).collect::<Result<Vec<_>, _>>()?));
+    }
+    // Lines are padded to the most of any window, those that are there first.
+    let lines: Option<Vec<usize>> = match &batch.lines {
+        Some(lines) => {
+            let present = lines.present.to_vec2::<f32>()?;
+            Some(present.iter().map(|line| line.iter().filter(|there| **there > 0.).count()).collect())
+        }
+        None => None,
     };
-    // A force that does not act in this phase, and an empty slot, is zero.
-    let at = |values: &[f32], i: usize| values.get(i).copied().unwrap_or(0.);
-    let pair = |values: &[f32], i: usize| [at(values, 2 * i), at(values, 2 * i + 1)];
     let mut forecasts = Vec::with_capacity(goals.probabilities.len());
     let mut first = 0;
-    for ((probabilities, futures), present) in goals.probabilities.iter().zip(&goals.futures).zip(&present) {
-        let (m, count) = (present.len(), present.iter().filter(|p| **p > 0.).count());
-        let step = |i: usize| {
-            let by_slot: [[f32; 2]; SLOTS] = std::array::from_fn(|slot| pair(&slots, i * SLOTS + slot));
-            StepForces {
-                goal: pair(&goal, i),
-                neighbours: by_slot.iter().fold([0f32; 2], |sum, f| [sum[0] + f[0], sum[1] + f[1]]),
-                lines: [0., (0..m).map(|line| at(&lines, i * m + line)).sum()],
-                by_slot,
-                tau: tau[i],
-                k_slots: std::array::from_fn(|slot| at(&k_slots, i * SLOTS + slot)),
-                k_lines: (0..count).map(|line| at(&k_lines, i * m + line)).collect(),
-            }
-        };
+    for (window, (probabilities, futures)) in goals.probabilities.iter().zip(&goals.futures).enumerate() {
         let mut modes = Vec::with_capacity(probabilities.len());
         for (&probability, future) in probabilities.iter().zip(futures) {
-            let steps = first..first + scene.steps;
+            let steps = first..first + batch.steps;
             first = steps.end;
+            let terms = terms.iter().map(|(term, sources, forces, parameters)| {
+                let there = match (term.arity, &lines) {
+                    (Arity::PerLine, Some(lines)) => lines[window].min(*sources),
+                    _ => *sources,
+                };
+                let entries = || steps.clone().flat_map(|step| step * sources..step * sources + there);
+                let parameters = parameters.iter().map(|values| entries().map(|i| values[i]).collect()).collect();
+                let forces =
+                    TermForces::new(Arc::clone(term), there, entries().map(|i| forces[i]).collect(), parameters);
+                // On a road without lines the term acts, and gives nothing.
+                if there == 0 { forces.with_totals(vec![[0.; 2]; batch.steps]) } else { forces }
+            });
             modes.push(Mode {
                 probability,
-                path: steps.clone().map(|i| pair(&path, i)).collect(),
                 explanation: Some(Explanation {
                     goal: future.last().copied().unwrap_or_default(),
-                    steps: steps.map(step).collect(),
+                    terms: terms.collect(),
                 }),
+                path: path[steps.clone()].to_vec(),
             });
         }
         forecasts.push(Forecast { modes });
     }
     Ok(forecasts)
+}
+
+fn pairs(values: &[f32]) -> Vec<[f32; 2]> {
+    values.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 
 fn predict_error(model: &str, error: ModelError) -> PredictError {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use candle_core::{D, Tensor};
 use gnp_data::{Neighbour, Observation, SLOTS, TrackState};
-use gnp_traj::{NeighbourStates, Scene};
+use gnp_traj::{NeighbourStates, RollOutBatch};
 
 use crate::augmented_view::{AugmentedView, velocity_of};
 use crate::error::ModelError;
@@ -71,7 +71,7 @@ impl Gnp {
     /// towards its own likeliest goal and pushed by the others. The target's own alternatives
     /// (`ends` `[batch, k, 2]`) are then driven among these paths: they do not react to the less
     /// likely ones. Vehicles without a whole observed past go straight on.
-    pub(crate) fn joint_scene(&self, seen: &[AugmentedView<'_>], ends: Tensor) -> Result<Scene, ModelError> {
+    pub(crate) fn joint_scene(&self, seen: &[AugmentedView<'_>], ends: Tensor) -> Result<RollOutBatch, ModelError> {
         let crowd = Crowd::around(seen);
         let paths = self.joint_paths(&crowd)?;
         let t_pred = self.shape().t_pred;
@@ -141,7 +141,7 @@ impl Gnp {
 
     /// Appends rows for the vehicles without a whole past: a past and a goal at their velocity,
     /// nobody around them.
-    fn add_late(&self, scene: &mut Scene, crowd: &Crowd<'_>) -> Result<(), ModelError> {
+    fn add_late(&self, scene: &mut RollOutBatch, crowd: &Crowd<'_>) -> Result<(), ModelError> {
         if crowd.late.is_empty() {
             return Ok(());
         }

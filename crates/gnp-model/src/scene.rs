@@ -2,7 +2,7 @@
 
 use candle_core::{Device, Tensor};
 use gnp_data::{MarkingKind, SLOTS, Slot, Truth};
-use gnp_traj::{Lines, NeighbourStates, Neighbours, Scene};
+use gnp_traj::{Lines, NeighbourStates, Neighbours, RollOutBatch};
 use serde::{Deserialize, Serialize};
 
 use crate::augmented_view::AugmentedView;
@@ -74,7 +74,7 @@ impl Features {
         goals: Tensor,
         truths: Option<&[Truth<'_>]>,
         device: &Device,
-    ) -> Result<Scene, ModelError> {
+    ) -> Result<RollOutBatch, ModelError> {
         let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
         for (b, seen) in seen.iter().enumerate() {
@@ -104,7 +104,7 @@ impl Features {
         goals: Tensor,
         neighbours: NeighbourStates,
         device: &Device,
-    ) -> Result<Scene, ModelError> {
+    ) -> Result<RollOutBatch, ModelError> {
         let shape = self.shape();
         let window = self.config().velocity_window_s;
         let mut observed = Vec::with_capacity(seen.len() * shape.t_obs * 4);
@@ -122,7 +122,7 @@ impl Features {
             mask.extend(Slot::ALL.map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
         }
         let b = seen.len();
-        Ok(Scene {
+        Ok(RollOutBatch {
             observed: Tensor::from_vec(observed, (b, shape.t_obs, 4), device)?,
             goals,
             neighbours: Some(Neighbours { states: neighbours, present: Tensor::from_vec(mask, (b, SLOTS), device)? }),

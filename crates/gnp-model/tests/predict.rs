@@ -5,12 +5,15 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
 use gnp_data::{
-    Columns, Dataset, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road, SLOTS, Slot,
-    Track, TrackState, Window, WindowShape,
+    Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road,
+    SLOTS, Slot, Track, TrackState, Window, WindowShape,
 };
+use gnp_force::nalgebra::Vector2;
+use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, TermVjp};
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
     AugmentedView, Checkpoint, Component, FeatureConfig, Features, Gnp, Header, ModelError, NeighbourFuture,
@@ -124,8 +127,9 @@ fn traj_config() -> TrajConfig {
         r_col: 26.,
         lines: true,
         input_scale: InputScale { position: 0.05, velocity: 0.05 },
-        integrator: Integrator::SemiImplicit,
+        integrator: Integrator::SemiImplicitEuler,
         network_period: 1,
+        terms: Vec::new(),
     }
 }
 
@@ -178,9 +182,10 @@ fn forecasts_have_ordered_modes_whose_probabilities_sum_to_one() {
         for mode in &forecast.modes {
             assert_eq!(mode.path.len(), SHAPE.t_pred);
             let why = mode.explanation.as_ref().unwrap();
-            assert_eq!(why.steps.len(), SHAPE.t_pred);
-            assert_eq!(why.steps[0].k_lines.len(), 3);
-            assert!(why.steps[0].tau > 0.2 && why.steps[0].tau < 1.2, "tau is sigmoid + dt");
+            assert_eq!(why.steps(), SHAPE.t_pred);
+            assert_eq!(why.term("lines").unwrap().sources(), 3);
+            let tau = why.term("goal").unwrap().parameter(0, 0)[0];
+            assert!(tau > 0.2 && tau < 1.2, "tau is sigmoid + dt");
             // The physics ends near the goal it was given.
             let end = mode.path[SHAPE.t_pred - 1];
             let miss = (end[0] - why.goal[0]).hypot(end[1] - why.goal[1]);
@@ -190,7 +195,7 @@ fn forecasts_have_ordered_modes_whose_probabilities_sum_to_one() {
     // Two neighbours push the target, one its leader.
     let pushed = |b: usize| {
         let why = forecasts[b].modes[0].explanation.as_ref().unwrap();
-        why.steps[0].k_slots.iter().filter(|k| **k > 0.).count()
+        why.term("neighbours").unwrap().parameter(0, 0).iter().filter(|k| **k > 0.).count()
     };
     assert_eq!((pushed(0), pushed(1)), (2, 1));
     assert_eq!(model.predict(&observations, 50).unwrap()[0].modes.len(), 5, "no more than there are modes");
@@ -205,12 +210,93 @@ fn forces_and_steps_explain_the_path() {
     let (dt, mode) = (SHAPE.dt() as f32, &forecast.modes[0]);
     let start = AugmentedView::recorded(observation).velocity(0.4);
     let (mut p, mut v) = ([0f32; 2], start);
-    for (step, point) in mode.explanation.as_ref().unwrap().steps.iter().zip(&mode.path) {
+    for (step, point) in mode.path.iter().enumerate() {
         for axis in 0..2 {
-            v[axis] += dt * (step.goal[axis] + step.neighbours[axis] + step.lines[axis]);
+            v[axis] += dt * mode.explanation.as_ref().unwrap().total(step)[axis];
             p[axis] += dt * v[axis];
             assert!((p[axis] - point[axis]).abs() < 1e-3, "{p:?} by the forces, {point:?} on the path");
         }
+    }
+}
+
+/// A drag against the motion, `-c v`, that no crate of this project knows.
+#[derive(Debug)]
+struct Drag(TermDescriptor);
+
+impl ForceTerm<f32> for Drag {
+    fn descriptor(&self) -> &TermDescriptor {
+        &self.0
+    }
+
+    fn force(&self, state: &State<f32>, _: &Source<f32>, parameters: &[f32]) -> Vector2<f32> {
+        -state.velocity * parameters[0]
+    }
+
+    fn vjp(
+        &self,
+        state: &State<f32>,
+        _: &Source<f32>,
+        parameters: &[f32],
+        cotangent: Vector2<f32>,
+        dparameters: &mut [f32],
+    ) -> TermVjp<f32> {
+        dparameters[0] = -state.velocity.dot(&cotangent);
+        TermVjp { velocity: -cotangent * parameters[0], ..TermVjp::zeros() }
+    }
+}
+
+/// From the roll-out to the explanation, a file and a figure, without a line of code in between that knows it.
+#[test]
+fn a_made_up_term_acts_is_explained_written_and_drawn() {
+    let recording = road(false, false);
+    let plain = model(&recording, NeighbourFuture::ConstantVelocity).explaining(true);
+    let c = TermParameter::varying("c", "1/s", "drag per speed");
+    let descriptor = TermDescriptor::new("drag", Arity::One, "#7a5195").means("drag of the air", "drag").with(vec![c]);
+    let model = model(&recording, NeighbourFuture::ConstantVelocity)
+        .explaining(true)
+        .with_term(Arc::new(Drag(descriptor)), &[0.2])
+        .unwrap();
+    let window = window(&recording, 0);
+    let forecast = model.predict(&[window.observation()], 2).unwrap().remove(0);
+    let without = plain.predict(&[window.observation()], 2).unwrap().remove(0);
+    let end = |forecast: &Forecast| forecast.modes[0].path[SHAPE.t_pred - 1][0];
+    assert!(end(&forecast) < end(&without) - 0.1, "{} with drag, {} without", end(&forecast), end(&without));
+
+    let why = forecast.modes[0].explanation.as_ref().unwrap();
+    let drag = why.term("drag").unwrap();
+    assert_eq!(drag.parameter(0, 3), [0.2]);
+    let start = AugmentedView::recorded(window.observation()).velocity(0.4);
+    assert!((drag.total(0)[0] + 0.2 * start[0]).abs() < 1e-5 * start[0].abs(), "{:?}", drag.total(0));
+    let (dt, mut v) = (SHAPE.dt() as f32, start);
+    for step in 0..SHAPE.t_pred {
+        let next = std::array::from_fn(|axis| v[axis] + dt * why.total(step)[axis]);
+        let moved = forecast.modes[0].path[step][0] - if step == 0 { 0. } else { forecast.modes[0].path[step - 1][0] };
+        assert!((moved - dt * next[0]).abs() < 1e-4, "the terms add up to the acceleration, step {step}");
+        v = next;
+    }
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    let provenance = gnp_eval::Provenance {
+        model: "gnp".to_owned(),
+        dataset: Dataset::NGSIM,
+        rate_hz: SHAPE.rate_hz,
+        simulated: false,
+        uses_future: false,
+    };
+    let mut writer = gnp_eval::PredictionWriter::create(&path, &provenance).unwrap();
+    writer.write(&window.key(), [0., 0.], &forecast).unwrap();
+    writer.finish().unwrap();
+    let file = gnp_eval::read_predictions(&path, gnp_eval::Detail::Explanations).unwrap();
+    let read = file.get(&window.key()).unwrap().forecast.modes[0].explanation.as_ref().unwrap();
+    assert_eq!(read.term("drag"), Some(drag), "descriptor, forces and parameters come back");
+    assert_eq!(read.terms.len(), 4);
+
+    let scene = gnp_plot::Scene::of(&window, forecast.clone(), "a made-up road".to_owned());
+    let source = gnp_plot::Source { words: "a made-up road".to_owned(), simulated: false };
+    let figure = gnp_plot::force_scenes("scenes", "Forces", &[scene], 1., &source);
+    for part in ["drag of the air", "class=\"drag\"", "arrow drag", "#7a5195"] {
+        assert!(figure.svg.contains(part), "{part}");
     }
 }
 
@@ -316,7 +402,8 @@ fn joint_neighbours_take_their_own_predicted_paths() {
     let observations = [0, 1].map(|track| window(&recording, track).observation());
     let (joint, alone) = (joint.predict(&observations, 1).unwrap(), alone.predict(&observations, 1).unwrap());
     let push = |forecasts: &[gnp_data::Forecast], step: usize| {
-        forecasts[0].modes[0].explanation.as_ref().unwrap().steps[step].by_slot[Slot::Preceding as usize]
+        forecasts[0].modes[0].explanation.as_ref().unwrap().term("neighbours").unwrap().forces(step)
+            [Slot::Preceding as usize]
     };
     // At the last observed frame the neighbours are where they are; later they go their own way.
     for axis in 0..2 {

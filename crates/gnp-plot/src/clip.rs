@@ -4,6 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use gnp_data::{Forecast, LaneMarking, MarkingKind, Mode, Observation, Recording, SLOTS, VehicleClass, WindowShape};
+use gnp_force::TermDescriptor;
 
 /// Frames shown a second, at most.
 const SHOWN_HZ: f64 = 10.;
@@ -122,6 +123,20 @@ impl Clip {
     #[must_use]
     pub fn new(title: impl Into<String>, rate_hz: f64) -> Self {
         Self { title: title.into(), rate_hz, frame_step: 1, forecast_step: 1, ..Self::default() }
+    }
+
+    /// Every term of the force that explains a likeliest future, once.
+    #[must_use]
+    pub fn terms(&self) -> Vec<&TermDescriptor> {
+        let forecasts = self.vehicles.iter().flat_map(|vehicle| &vehicle.forecasts);
+        let explanations = forecasts.filter_map(|forecast| forecast.modes.first()?.explanation.as_ref());
+        let mut terms: Vec<&TermDescriptor> = Vec::new();
+        for forces in explanations.flat_map(|explanation| &explanation.terms) {
+            if terms.iter().all(|known| known.name != forces.term().name) {
+                terms.push(forces.term());
+            }
+        }
+        terms
     }
 
     /// Cuts a span out of a recording and has every vehicle forecast each second, from windows of

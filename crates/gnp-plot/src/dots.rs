@@ -2,7 +2,7 @@
 
 use crate::axes::{Axis, Panel};
 use crate::figure::{Figure, Legend, Sheet, Source, WIDTH};
-use crate::palette::{BEST, GRID, INK, NEIGHBOURS};
+use crate::palette::{BEST, BLUE, GRID, INK};
 use crate::svg::Svg;
 
 /// Height of a row, user units.
@@ -80,7 +80,7 @@ fn legend(sheet: &mut Sheet) {
     let mut legend = Legend::under(sheet.y);
     for (uses_future, words) in [(false, "sees the past alone"), (true, "is handed recorded futures (future input)")] {
         let [x, y] = legend.place(10., words);
-        marker(&mut sheet.svg, [x + 4., y - 3.], uses_future, NEIGHBOURS);
+        marker(&mut sheet.svg, [x + 4., y - 3.], uses_future, BLUE);
         sheet.svg.text([x + 12., y], words, &format!("font-size=\"9\" fill=\"{INK}\""));
     }
     sheet.y = legend.bottom();
@@ -124,7 +124,7 @@ fn draw(sheet: &mut Sheet, panel: &DotPanel) {
 fn row_at(svg: &mut Svg, panel: &Panel, row: &DotRow, index: usize, y: f64) {
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
     let [left, _, width, _] = panel.place;
-    let colour = if index == 0 { BEST } else { NEIGHBOURS };
+    let colour = if index == 0 { BEST } else { BLUE };
     svg.group(&format!("class=\"row{}\"", if row.uses_future { " uses_future" } else { "" }));
     svg.line([left, y], [left + width, y], &format!("stroke=\"{GRID}\" stroke-width=\"0.6\""));
     let weight = if index == 0 { "font-weight=\"bold\"" } else { "" };

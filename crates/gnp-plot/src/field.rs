@@ -1,15 +1,15 @@
 //! The potential that neighbours and lane lines make around a vehicle, as a heat map with iso-lines.
 
-use gnp_data::{MarkingKind, SLOTS};
+use gnp_data::{MarkingKind, SLOTS, TermForces};
 use gnp_force::nalgebra::Vector2;
-use gnp_force::{LineKind as Law, Side, line_potential, vehicle_potential};
+use gnp_force::{LineRepulsion, Side, TermDescriptor, VehicleRepulsion, line_potential, term, vehicle_potential};
 
 use crate::axes::{nice, shown};
 use crate::figure::{Figure, Sheet, Source};
-use crate::palette::{GOAL, INK, LINES, NEIGHBOURS, TARGET, cividis};
+use crate::palette::{INK, TARGET, cividis};
 use crate::road_view::{AXIS_SPACE, HIGHEST, LEFT, RoadView, SPAN, arrow};
 use crate::scene::Scene;
-use crate::svg::Svg;
+use crate::svg::{Svg, escape};
 
 const COLUMNS: usize = 121;
 const ROWS: usize = 61;
@@ -31,9 +31,11 @@ impl Potential {
     /// mode their strengths. `None` without forces.
     #[must_use]
     pub fn of(scene: &Scene, slots: &[Option<[f32; 2]>; SLOTS], r_col: f64) -> Option<Self> {
-        let step = scene.modes.first()?.explanation.as_ref()?.steps.first()?;
-        let neighbours = slots.iter().zip(step.k_slots).filter_map(|(at, k)| at.map(|at| (at, k))).collect();
-        Some(Self { neighbours, r_col, k_lines: step.k_lines.clone() })
+        let explanation = scene.modes.first()?.explanation.as_ref().filter(|explanation| explanation.steps() > 0)?;
+        // Both laws have one parameter that varies, the strength.
+        let strengths = |name| explanation.term(name).map_or(&[][..], |term| term.parameter(0, 0));
+        let at = slots.iter().zip(strengths(VehicleRepulsion::NAME)).filter_map(|(at, k)| at.map(|at| (at, *k)));
+        Some(Self { neighbours: at.collect(), r_col, k_lines: strengths(LineRepulsion::NAME).to_vec() })
     }
 
     /// At a point of the scene, m²/s².
@@ -45,9 +47,8 @@ impl Potential {
         };
         let last = scene.lines.len().saturating_sub(1);
         let line = |(i, (line, k)): (usize, (&gnp_data::LaneMarking, &f32))| {
-            let kind = if line.kind == MarkingKind::LaneDivider { Law::LaneDivider } else { Law::Boundary };
             let side = if i == last && last > 0 { Side::Right } else { Side::Left };
-            line_potential(kind, y - f64::from(line.y), f64::from(*k), side)
+            line_potential(line.kind, y - f64::from(line.y), f64::from(*k), side)
         };
         self.neighbours.iter().map(vehicle).sum::<f64>()
             + scene.lines.iter().zip(&self.k_lines).enumerate().map(line).sum::<f64>()
@@ -95,12 +96,13 @@ pub fn potential_field(scene: &Scene, potential: &Potential, source: &Source) ->
         );
         sheet.svg.line([left, at], [left + width, at], &format!("stroke=\"#000\" stroke-width=\"1.1\" {dashes}"));
     }
+    let blue = term::<f64>(VehicleRepulsion::NAME).map_or("#fff", |term| &*term.descriptor().colour);
     for other in &scene.others {
         let pushes = potential.neighbours.iter().any(|(at, _)| {
             let [x, y] = other.now.centre;
             (at[0] - x).hypot(at[1] - y) < 0.1
         });
-        let (class, fill) = if pushes { ("neighbour", NEIGHBOURS) } else { ("bystander", "#fff") };
+        let (class, fill) = if pushes { ("neighbour", blue) } else { ("bystander", "#fff") };
         let style = format!("class=\"vehicle {class}\" fill=\"{fill}\" stroke=\"#000\" stroke-width=\"0.8\"");
         view.vehicle(&mut sheet.svg, other.now.centre, other.now.size, &style);
     }
@@ -194,11 +196,12 @@ fn joined(pieces: Vec<Vec<[f64; 2]>>) -> Vec<Vec<[f64; 2]>> {
 
 fn forces(svg: &mut Svg, view: &RoadView, scene: &Scene) {
     let explanation = scene.modes.first().and_then(|mode| mode.explanation.as_ref());
-    let Some(step) = explanation.and_then(|e| e.steps.first()) else { return };
-    let parts = [("goal", step.goal, GOAL), ("neighbours", step.neighbours, NEIGHBOURS), ("lines", step.lines, LINES)];
-    let largest = parts.iter().map(|p| f64::from(p.1[0]).hypot(f64::from(p.1[1]))).fold(1e-3, f64::max);
-    for (class, force, colour) in parts {
-        arrow(svg, class, view.panel.at(0., 0.), force.map(f64::from), 32. / largest, colour);
+    let terms = explanation.map_or(&[][..], |explanation| &explanation.terms);
+    let force = |term: &TermForces| term.total(0).map(f64::from);
+    let largest = terms.iter().map(force).map(|[x, y]| x.hypot(y)).fold(1e-3, f64::max);
+    for term in terms {
+        let TermDescriptor { name, colour, .. } = term.term();
+        arrow(svg, &escape(name), view.panel.at(0., 0.), force(term), 32. / largest, &escape(colour));
     }
 }
 

@@ -1,13 +1,14 @@
 //! Scenes with the forces behind the likeliest path: arrows at chosen steps, and every step over time.
 
-use gnp_data::{Explanation, StepForces};
+use gnp_data::Explanation;
+use gnp_force::TermDescriptor;
 
 use crate::axes::{Axis, Panel, nice, shown};
 use crate::figure::{Figure, Legend, Sheet, Source};
-use crate::palette::{GOAL, GOAL_RIM, INK, LINES, NEIGHBOURS, TARGET, TOTAL};
+use crate::palette::{INK, TARGET, TOTAL, rim};
 use crate::road_view::{AXIS_SPACE, HIGHEST, LEFT, Paths, RoadView, SPAN, arrow, path_legend};
 use crate::scene::Scene;
-use crate::svg::Svg;
+use crate::svg::{Svg, escape};
 
 /// Longest arrow, user units.
 const LONGEST: f64 = 34.;
@@ -22,10 +23,12 @@ const BETWEEN: f64 = 54.;
 pub fn force_scenes(name: &str, title: &str, scenes: &[Scene], every_s: f64, source: &Source) -> Figure {
     let mut sheet = Sheet::new(name, title);
     sheet.y = path_legend(&mut sheet.svg, sheet.y, "likeliest", "other futures");
-    let largest = scenes.iter().filter_map(explanation).flat_map(|e| &e.steps).flat_map(parts).map(norm);
+    let terms = terms(scenes);
+    let all = scenes.iter().filter_map(explanation).flat_map(|e| &e.terms);
+    let largest = all.flat_map(|term| term.totals()).copied().map(norm);
     let largest = largest.filter(|force| force.is_finite()).fold(1e-3, f64::max);
     let scale = LONGEST / largest;
-    sheet.y = arrow_legend(&mut sheet.svg, sheet.y, scale, largest);
+    sheet.y = arrow_legend(&mut sheet.svg, sheet.y, &terms, scale, largest);
     for scene in scenes {
         sheet.note(&scene.title);
         let view = RoadView::fit(scene, sheet.y + 3., HIGHEST);
@@ -54,11 +57,18 @@ pub fn force_scenes(name: &str, title: &str, scenes: &[Scene], every_s: f64, sou
 }
 
 fn explanation(scene: &Scene) -> Option<&Explanation> {
-    scene.modes.first()?.explanation.as_ref().filter(|e| !e.steps.is_empty())
+    scene.modes.first()?.explanation.as_ref().filter(|e| e.steps() > 0)
 }
 
-fn parts(step: &StepForces) -> [[f32; 2]; 3] {
-    [step.goal, step.neighbours, step.lines]
+/// Every term that acts in one of the scenes, once.
+fn terms(scenes: &[Scene]) -> Vec<&TermDescriptor> {
+    let mut terms: Vec<&TermDescriptor> = Vec::new();
+    for term in scenes.iter().filter_map(explanation).flat_map(|e| &e.terms).map(|term| term.term()) {
+        if terms.iter().all(|known| known.name != term.name) {
+            terms.push(term);
+        }
+    }
+    terms
 }
 
 fn norm(force: [f32; 2]) -> f64 {
@@ -69,7 +79,7 @@ fn norm(force: [f32; 2]) -> f64 {
 fn arrows(svg: &mut Svg, view: &RoadView, scene: &Scene, every_s: f64, scale: f64) {
     let (Some(mode), Some(explanation)) = (scene.modes.first(), explanation(scene)) else { return };
     let every = ((every_s / scene.dt).round() as usize).max(1);
-    let shown: Vec<(usize, [f32; 2])> = (0..explanation.steps.len())
+    let shown: Vec<(usize, [f32; 2])> = (0..explanation.steps())
         .step_by(every)
         .filter_map(|j| if j == 0 { Some((0, [0., 0.])) } else { mode.path.get(j - 1).map(|p| (j, *p)) })
         .collect();
@@ -81,22 +91,21 @@ fn arrows(svg: &mut Svg, view: &RoadView, scene: &Scene, every_s: f64, scale: f6
     }
     for (j, at) in shown {
         let from = view.panel.at(at[0].into(), at[1].into());
-        let step = &explanation.steps[j];
-        for (class, force, colour) in
-            [("lines", step.lines, LINES), ("neighbours", step.neighbours, NEIGHBOURS), ("goal", step.goal, GOAL)]
-        {
-            arrow(svg, class, from, force.map(f64::from), scale, colour);
+        // The first term on top.
+        for term in explanation.terms.iter().rev() {
+            let TermDescriptor { name, colour, .. } = term.term();
+            arrow(svg, &escape(name), from, term.total(j).map(f64::from), scale, &escape(colour));
         }
     }
 }
 
-fn arrow_legend(svg: &mut Svg, y: f64, scale: f64, largest: f64) -> f64 {
+fn arrow_legend(svg: &mut Svg, y: f64, terms: &[&TermDescriptor], scale: f64, largest: f64) -> f64 {
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
     let mut legend = Legend::under(y);
-    for (class, colour) in [("goal", GOAL), ("neighbours", NEIGHBOURS), ("lines", LINES)] {
-        let [x, y] = legend.place(22., class);
-        arrow(svg, &format!("key {class}"), [x, y - 3.], [18., 0.], 1., colour);
-        svg.text([x + 22., y], class, &small);
+    for TermDescriptor { name, label, colour, .. } in terms {
+        let [x, y] = legend.place(22., label);
+        arrow(svg, &format!("key {}", escape(name)), [x, y - 3.], [18., 0.], 1., &escape(colour));
+        svg.text([x + 22., y], label, &small);
     }
     let [x, y] = legend.place(22., "sum");
     let style = format!("stroke=\"{TOTAL}\" stroke-width=\"1.2\" stroke-dasharray=\"3 2\"");
@@ -115,34 +124,31 @@ fn arrow_legend(svg: &mut Svg, y: f64, scale: f64, largest: f64) -> f64 {
 
 /// Longitudinal and lateral forces side by side.
 fn over_time(svg: &mut Svg, explanation: &Explanation, dt: f64, top: f64) {
-    let steps = &explanation.steps;
-    let end = steps.len() as f64 * dt;
+    let steps = explanation.steps();
+    let end = steps as f64 * dt;
     let width = (SPAN - BETWEEN) / 2.;
+    let sums: Vec<[f32; 2]> = (0..steps).map(|j| explanation.total(j)).collect();
     for (i, (axis, label)) in [(0, "forward (m/s\u{b2})"), (1, "left (m/s\u{b2})")].into_iter().enumerate() {
-        let values = steps.iter().flat_map(parts).map(|f| f64::from(f[axis])).filter(|v| v.is_finite());
-        let totals = steps.iter().map(|s| f64::from(s.goal[axis] + s.neighbours[axis] + s.lines[axis]));
-        let (low, high) = values.chain(totals).fold((-0.1f64, 0.1f64), |(l, h), v| (l.min(v), h.max(v)));
+        let drawn = explanation.terms.iter().map(|term| term.totals()).chain([&sums[..]]);
+        let values = drawn.flatten().map(|force| f64::from(force[axis])).filter(|v| v.is_finite());
+        let (low, high) = values.fold((-0.1f64, 0.1f64), |(l, h), v| (l.min(v), h.max(v)));
         let margin = (high - low) * 0.08;
         let place = [LEFT + i as f64 * (width + BETWEEN), top, width, CHART];
         let panel = Panel { place, x: Axis::new(0., end), y: Axis::new(low - margin, high + margin) };
         panel.frame(svg, "time ahead (s)", label, true);
-        let curve = |pick: fn(&StepForces) -> [f32; 2]| -> Vec<[f64; 2]> {
-            steps.iter().enumerate().map(|(j, s)| panel.at(j as f64 * dt, pick(s)[axis].into())).collect()
+        let curve = |forces: &[[f32; 2]]| -> Vec<[f64; 2]> {
+            forces.iter().enumerate().map(|(j, force)| panel.at(j as f64 * dt, force[axis].into())).collect()
         };
-        let goal = curve(|s| s.goal);
-        svg.path(&goal, &format!("fill=\"none\" stroke=\"{GOAL_RIM}\" stroke-width=\"2.6\""));
-        svg.path(&goal, &format!("class=\"goal\" fill=\"none\" stroke=\"{GOAL}\" stroke-width=\"1.5\""));
+        for term in &explanation.terms {
+            let TermDescriptor { name, colour, .. } = term.term();
+            let (points, name, colour) = (curve(term.totals()), escape(name), escape(colour));
+            if let Some(rim) = rim(&colour) {
+                svg.path(&points, &format!("fill=\"none\" stroke=\"{rim}\" stroke-width=\"2.6\""));
+            }
+            svg.path(&points, &format!("class=\"{name}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.4\""));
+        }
         svg.path(
-            &curve(|s| s.neighbours),
-            &format!("class=\"neighbours\" fill=\"none\" stroke=\"{NEIGHBOURS}\" stroke-width=\"1.4\""),
-        );
-        svg.path(
-            &curve(|s| s.lines),
-            &format!("class=\"lines\" fill=\"none\" stroke=\"{LINES}\" stroke-width=\"1.2\""),
-        );
-        let total = curve(|s| std::array::from_fn(|i| s.goal[i] + s.neighbours[i] + s.lines[i]));
-        svg.path(
-            &total,
+            &curve(&sums),
             &format!("class=\"total\" fill=\"none\" stroke=\"{TOTAL}\" stroke-width=\"1.2\" stroke-dasharray=\"3 2\""),
         );
     }

@@ -1,16 +1,10 @@
-//! Colours. Forces as in the GNP paper; the rest told apart by colour-blind readers (Okabe and Ito)
+//! Colours. Forces have those of their descriptors, which are the GNP paper's; the rest told apart by colour-blind readers (Okabe and Ito)
 //! and, by lightness and dashes, without colour.
 
-/// Pull of the goal.
-pub const GOAL: &str = "#f5c400";
-/// Rim that makes yellow visible on white.
-pub(crate) const GOAL_RIM: &str = "#6b5300";
-/// Push of neighbours.
-pub const NEIGHBOURS: &str = "#0072b2";
-/// Push of lane lines.
-pub const LINES: &str = "#000000";
 /// All forces together.
 pub(crate) const TOTAL: &str = "#d55e00";
+/// What stands beside the best.
+pub(crate) const BLUE: &str = "#0072b2";
 /// The best of K futures.
 pub const BEST: &str = "#8b0000";
 /// The other futures.
@@ -44,6 +38,16 @@ pub(crate) fn series(i: usize) -> (&'static str, &'static str) {
     SERIES[i % SERIES.len()]
 }
 
+/// The rim that makes a light colour `#rrggbb`, such as the goal's yellow, visible on white: the same one, darkened. None
+/// for a dark colour.
+pub(crate) fn rim(colour: &str) -> Option<String> {
+    let part = |i: usize| colour.get(i..i + 2).and_then(|text| u8::from_str_radix(text, 16).ok()).map(f64::from);
+    let [r, g, b] = [part(1)?, part(3)?, part(5)?];
+    let light = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+    let dark = |c: f64| (c * 0.43).round() as u8;
+    (light > 140.).then(|| format!("#{:02x}{:02x}{:02x}", dark(r), dark(g), dark(b)))
+}
+
 /// The cividis scale (Nuñez, Anderton and Renslow 2018) at `t` from 0 to 1, dark blue to yellow: rises
 /// evenly in lightness, with and without colour vision.
 pub(crate) fn cividis(t: f64) -> String {
@@ -67,6 +71,12 @@ pub(crate) fn cividis(t: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn light_colours_have_a_rim_and_dark_ones_have_none() {
+        assert_eq!(rim("#f5c400").as_deref(), Some("#695400"));
+        assert!(rim("#0072b2").is_none() && rim("#000000").is_none() && rim("yellow").is_none());
+    }
 
     #[test]
     fn the_scale_ends_where_it_should_and_rises() {

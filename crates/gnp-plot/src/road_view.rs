@@ -4,7 +4,7 @@ use gnp_data::MarkingKind;
 
 use crate::axes::{Axis, Panel};
 use crate::figure::{Legend, WIDTH};
-use crate::palette::{BEST, GOAL, GOAL_RIM, HISTORY, INK, OTHERS, ROAD, TARGET, TRUTH, VEHICLE};
+use crate::palette::{BEST, HISTORY, INK, OTHERS, ROAD, TARGET, TRUTH, VEHICLE, rim};
 use crate::scene::Scene;
 use crate::svg::Svg;
 
@@ -184,7 +184,7 @@ pub(crate) fn arrow(svg: &mut Svg, class: &str, at: [f64; 2], vector: [f64; 2], 
     let side = head * 0.45;
     let triangle = [tip, [neck[0] - uy * side, neck[1] + ux * side], [neck[0] + uy * side, neck[1] - ux * side]];
     svg.group(&format!("class=\"arrow {class}\""));
-    let rim = if colour == GOAL { GOAL_RIM } else { "#ffffff" };
+    let rim = rim(colour).unwrap_or_else(|| "#ffffff".to_owned());
     svg.line(at, neck, &format!("stroke=\"{rim}\" stroke-width=\"3.2\""));
     svg.area(&triangle, &format!("fill=\"{colour}\" stroke=\"{rim}\" stroke-width=\"0.8\""));
     svg.line(at, neck, &format!("stroke=\"{colour}\" stroke-width=\"1.9\""));

@@ -7,7 +7,7 @@ use std::convert::Infallible;
 
 use gnp_data::{
     Columns, Dataset, Explanation, Forecast, LaneMarking, MarkingKind, Mode, Observation, Recording, RecordingMeta,
-    Road, SLOTS, StepForces, Track, VehicleClass, VelocitySource, WindowShape,
+    Road, SLOTS, Track, VehicleClass, VelocitySource, WindowShape,
 };
 use gnp_plot::{Clip, ClipForecast, ClipNeighbour, ClipSpan, Evaluated, TimedState};
 
@@ -49,7 +49,7 @@ fn forecast() -> Forecast {
     let mode = |probability| Mode {
         probability,
         path: vec![[1., 0.], [2., 0.5]],
-        explanation: Some(Explanation { goal: [2., 0.5], steps: vec![StepForces::default(); 2] }),
+        explanation: Some(Explanation { goal: [2., 0.5], terms: Vec::new() }),
     };
     Forecast { modes: vec![mode(0.75), mode(0.25)] }
 }

@@ -4,8 +4,10 @@
 
 mod drawing;
 
+use std::sync::Arc;
+
 use drawing::{Element, of, read};
-use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS, StepForces};
+use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS, TermForces};
 use gnp_plot::{
     Case, ChartPanel, Dot, DotPanel, DotRow, DotScaling, Figure, GivenMode, Intentions, LongitudinalForecast, Other,
     Potential, Scaling, Scene, Series, Source, SpaceTime, Trace, VehicleBox, cases, charts, dot_note, dot_rows,
@@ -18,20 +20,25 @@ fn source(simulated: bool) -> Source {
     Source { words: "a made-up road".to_owned(), simulated }
 }
 
+/// A term whose force and parameter are the same in every step.
+fn term(name: &str, sources: usize, total: [f32; 2], parameter: Vec<f32>) -> TermForces {
+    let descriptor = Arc::new(gnp_force::term::<f32>(name).unwrap().descriptor().clone());
+    let forces = vec![[0.; 2]; STEPS * sources];
+    TermForces::new(descriptor, sources, forces, vec![parameter.repeat(STEPS)]).with_totals(vec![total; STEPS])
+}
+
 /// Three lanes; the target goes ahead and to the left; others at known places.
 fn scene() -> Scene {
     let line = |kind, y| LaneMarking { kind, y };
     let path = |slope: f32| (1..=STEPS).map(|j| [2. * j as f32, slope * j as f32]).collect::<Vec<_>>();
-    let step = StepForces {
-        goal: [1.5, 0.75],
-        neighbours: [-0.5, -0.25],
-        lines: [0., -0.4],
-        by_slot: [[0.; 2]; SLOTS],
-        tau: 0.7,
-        k_slots: std::array::from_fn(|slot| if slot == 0 { 2. } else { 0. }),
-        k_lines: vec![0.3, 0.2, 0.2, 0.3],
+    let explanation = Explanation {
+        goal: [52., 4.],
+        terms: vec![
+            term("goal", 1, [1.5, 0.75], vec![0.7]),
+            term("neighbours", SLOTS, [-0.5, -0.25], (0..SLOTS).map(|slot| if slot == 0 { 2. } else { 0. }).collect()),
+            term("lines", 4, [0., -0.4], vec![0.3, 0.2, 0.2, 0.3]),
+        ],
     };
-    let explanation = Explanation { goal: [52., 4.], steps: vec![step; STEPS] };
     let mode = |probability, slope, explanation| Mode { probability, path: path(slope), explanation };
     let other =
         |x, y| Other { now: VehicleBox { centre: [x, y], size: [5., 2.] }, history: vec![[x - 20., y], [x, y]] };

@@ -4,8 +4,10 @@
 
 use std::path::Path;
 use std::process::Command;
+use std::sync::Arc;
 
-use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, StepForces, VehicleClass};
+use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, TermForces, VehicleClass};
+use gnp_force::{Arity, TermDescriptor};
 use gnp_plot::{
     Clip, ClipForecast, ClipNeighbour, ClipVehicle, Figure, Report, ReportCell, ReportSection, ReportTable, TimedState,
 };
@@ -20,18 +22,23 @@ fn clip() -> Clip {
     clip.lines = [-1.75, 1.75, 5.25]
         .map(|y| LaneMarking { y, kind: if y == 1.75 { MarkingKind::LaneDivider } else { MarkingKind::Boundary } })
         .to_vec();
-    let step = StepForces {
-        goal: [1.5, 0.5],
-        neighbours: [-0.4, 0.1],
-        lines: [0., -0.3],
-        tau: 0.8,
-        k_slots: [1.; 8],
-        ..StepForces::default()
+    let term = |descriptor: &TermDescriptor, sources: usize, total: [f32; 2], parameter: f32| {
+        let forces = vec![[0.; 2]; 50 * sources];
+        let parameters = vec![vec![parameter; 50 * sources]; descriptor.varying().count()];
+        TermForces::new(Arc::new(descriptor.clone()), sources, forces, parameters).with_totals(vec![total; 50])
     };
+    let [goal, neighbours, lines] = gnp_force::terms::<f32>().map(|term| term.descriptor());
+    let drag = TermDescriptor::new("drag", Arity::One, "#7a5195").means("drag of the air", "drag");
+    let terms = vec![
+        term(goal, 1, [1.5, 0.5], 0.8),
+        term(neighbours, 8, [-0.4, 0.1], 1.),
+        term(lines, 3, [0., -0.3], 0.2),
+        term(&drag, 1, [-0.2, 0.], 0.),
+    ];
     let mode = |probability, side: f32| Mode {
         probability,
         path: (1..=50).map(|j| [2. * j as f32, 0.01 * side * j as f32]).collect(),
-        explanation: (side > 0.).then(|| Explanation { goal: [100., 0.5], steps: vec![step.clone(); 50] }),
+        explanation: (side > 0.).then(|| Explanation { goal: [100., 0.5], terms: terms.clone() }),
     };
     let vehicle = |id: u32, x: f32, y: f32, class| {
         let centre = |i: u32| [x + 2. * i as f32, y];
@@ -166,7 +173,10 @@ fn a_clip_is_short_text_that_stays_in_its_script() {
         (20, &1000.into())
     );
     assert_eq!(first["steps"].as_array().unwrap().len(), 10);
-    assert_eq!(first["steps"][0]["goal"], serde_json::json!([1.5, 0.5]));
+    assert_eq!(first["steps"][0]["forces"], serde_json::json!([[1.5, 0.5], [-0.4, 0.1], [0., -0.3], [-0.2, 0.]]));
+    assert_eq!(first["steps"][0]["parameters"], serde_json::json!([[0.8], [1., 1., 1., 1., 1., 1., 1., 1.]]));
+    let term = &json["terms"][3];
+    assert_eq!((&term["label"], &term["colour"]), (&"drag of the air".into(), &"#7a5195".into()));
 }
 
 /// Nothing is fetched: no address but the name of SVG's namespace.

@@ -7,9 +7,6 @@ use gnp_plot::palette;
 pub struct Colour(pub [u8; 4]);
 
 impl Colour {
-    pub(crate) const GOAL: Self = Self::of(palette::GOAL);
-    pub(crate) const NEIGHBOURS: Self = Self::of(palette::NEIGHBOURS);
-    pub(crate) const LINES: Self = Self::of(palette::LINES);
     pub(crate) const BEST: Self = Self::of(palette::BEST);
     pub(crate) const OTHERS: Self = Self::of(palette::OTHERS);
     pub(crate) const HISTORY: Self = Self::of(palette::HISTORY);
@@ -23,6 +20,14 @@ impl Colour {
     pub(crate) const RING: Self = Self::of("#b9bfc8");
     #[cfg(feature = "rerun")]
     pub(crate) const ROAD: Self = Self::of(palette::ROAD);
+
+    /// The opaque colour that is written as `#rrggbb`; black for what is none.
+    pub(crate) fn parse(text: &str) -> Self {
+        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6 && digits.is_ascii());
+        digits
+            .filter(|digits| digits.bytes().all(|b| b.is_ascii_hexdigit()))
+            .map_or(Self([0, 0, 0, 255]), |_| Self::of(text))
+    }
 
     /// The opaque colour that is written as `#rrggbb`.
     const fn of(text: &str) -> Self {
@@ -51,6 +56,7 @@ mod tests {
     #[test]
     fn colours_are_read_as_they_are_written() {
         assert_eq!(Colour::of("#0072b2"), Colour([0, 0x72, 0xb2, 255]));
-        assert_eq!(Colour::of("#F5C400"), Colour([0xf5, 0xc4, 0, 255]));
+        assert_eq!(Colour::parse("#F5C400"), Colour([0xf5, 0xc4, 0, 255]));
+        assert_eq!(Colour::parse("yellow"), Colour([0, 0, 0, 255]));
     }
 }

@@ -1,6 +1,7 @@
 //! How the viewer lays a file out: the road, with a text behind it, and scalars of the picked
 //! vehicle beside it. Rerun calls it a blueprint, a second store in the file.
 
+use gnp_force::{Arity, TermDescriptor};
 use gnp_plot::{Clip, ClipVehicle};
 use re_chunk::TimePoint;
 use re_log_types::TimeCell;
@@ -19,6 +20,7 @@ use re_sdk_types::external::uuid::Uuid;
 
 use crate::colour::Colour;
 use crate::error::ReplayError;
+use crate::records::scalar;
 use crate::rrd::{Chunks, color, nanoseconds};
 
 /// Where the eye is from the picked vehicle, m: above the right-hand side of the road, so that forward is to the right
@@ -44,7 +46,7 @@ pub(crate) fn chunks(clip: &Clip, picked: Option<u32>) -> Result<Chunks, ReplayE
     let left = blueprint.container(ContainerKind::Tabs, &[road, about])?;
     let mut parts = vec![part(left, 2.)];
     if let Some(id) = picked {
-        let right = blueprint.scalars(id)?;
+        let right = blueprint.scalars(id, &clip.terms())?;
         parts.push(part(right, 1.));
     }
     let root = blueprint.container(ContainerKind::Horizontal, &parts)?;
@@ -127,18 +129,30 @@ impl Blueprint {
         Ok(road)
     }
 
-    fn scalars(&mut self, id: u32) -> Result<Uuid, ReplayError> {
+    fn scalars(&mut self, id: u32, terms: &[&TermDescriptor]) -> Result<Uuid, ReplayError> {
+        let mut shown = vec![("Speed, m/s".to_owned(), "speed".to_owned())];
+        for term in terms {
+            for parameter in term.varying() {
+                let (name, unit) = (capitalised(&parameter.meaning), &parameter.unit);
+                let name = if term.arity == Arity::One {
+                    format!("{name}, {unit}")
+                } else {
+                    format!("{name} of {}, {unit}", term.label)
+                };
+                shown.push((name, scalar(&term.name, &parameter.name)));
+            }
+        }
+        shown.push(("Probability of paths".to_owned(), "probability".to_owned()));
         let mut parts = Vec::new();
-        for (name, entity) in [
-            ("Speed, m/s", "speed"),
-            ("Relaxation time, s", "tau"),
-            ("Strengths of neighbours, m/s²", "k"),
-            ("Strengths of lane lines", "k_lines"),
-            ("Probability of paths", "probability"),
-        ] {
+        for (name, entity) in shown {
             let origin = format!("/scalars/{id}/{entity}");
             parts.push(self.view("TimeSeries", &format!("{name}: vehicle {id}"), &origin, &["$origin/**"])?);
         }
         self.container(ContainerKind::Vertical, &parts)
     }
+}
+
+fn capitalised(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }

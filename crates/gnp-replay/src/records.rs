@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use gnp_data::{LaneMarking, MarkingKind, Mode, SLOTS, StepForces};
+use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS};
+use gnp_force::{Arity, TermDescriptor, TermParameter};
 use gnp_plot::{Clip, ClipVehicle, class_name};
 
 use crate::colour::Colour;
@@ -142,12 +143,12 @@ fn forecasts(clip: &Clip, vehicle: &ClipVehicle, entities: &mut Entities) {
         entities.add(probability, frame, Drawing::Scalars(probabilities));
 
         let Some(explanation) = &likeliest.explanation else { continue };
-        forces(id, frame, *origin, likeliest, &explanation.steps, every, entities);
+        forces(id, frame, *origin, likeliest, explanation, every, entities);
         // Each forecast speaks until the next one does, or the vehicle is gone.
         let next = vehicle.forecasts.get(i + 1).map_or(last_seen + 1, |next| next.frame);
         let frames = (forecast.frame..next).step_by(clip.forecast_step.max(1) as usize);
-        for (frame, step) in frames.zip(&explanation.steps) {
-            parameters(id, frame, step, entities);
+        for (frame, step) in frames.zip(0..explanation.steps()) {
+            parameters(id, frame, explanation, step, entities);
         }
     }
 }
@@ -168,43 +169,53 @@ fn points([x, y]: [f32; 2], mode: &Mode, every: usize) -> Vec<[f32; 2]> {
     std::iter::once([x, y]).chain(path.map(|[dx, dy]| [x + dx, y + dy])).collect()
 }
 
-/// One of the forces of a step, m/s².
-type Part = fn(&StepForces) -> [f32; 2];
-
 /// A force acts from the point where the vehicle is before the step.
 fn forces(
     id: u32,
     frame: Option<u32>,
     origin: [f32; 2],
     mode: &Mode,
-    steps: &[StepForces],
+    explanation: &Explanation,
     every: usize,
     entities: &mut Entities,
 ) {
-    let shown: Vec<&StepForces> = steps.iter().step_by(every).collect();
+    let shown: Vec<usize> = (0..explanation.steps()).step_by(every).collect();
     let origins: Vec<[f32; 2]> = points(origin, mode, every).into_iter().take(shown.len()).collect();
-    let parts: [(&str, Colour, Part); 3] = [
-        ("goal", Colour::GOAL, |step| step.goal),
-        ("neighbours", Colour::NEIGHBOURS, |step| step.neighbours),
-        ("lines", Colour::LINES, |step| step.lines),
-    ];
-    for (name, colour, part) in parts {
-        let vectors = shown.iter().map(|step| part(step).map(|a| a * ARROW_M)).collect();
+    for forces in &explanation.terms {
+        let vectors = shown.iter().map(|step| forces.total(*step).map(|a| a * ARROW_M)).collect();
+        let colour = Colour::parse(&forces.term().colour);
         let drawing = Drawing::Arrows { origins: origins.clone(), vectors, colour };
-        entities.add(format!("/forecasts/{id}/forces/{name}"), frame, drawing);
+        entities.add(format!("/forecasts/{id}/forces/{}", forces.term().name), frame, drawing);
     }
 }
 
-fn parameters(id: u32, frame: u32, step: &StepForces, entities: &mut Entities) {
-    let lines = || (1..=step.k_lines.len()).map(|i| format!("line {i} from the right")).collect();
-    let [tau, k, k_lines] = ["tau", "k", "k_lines"].map(|name| format!("/scalars/{id}/{name}"));
-    entities.name(&tau, || vec!["tau, s".to_owned()]);
-    entities.name(&k, || SLOT_NAMES.map(str::to_owned).to_vec());
-    entities.add(tau, Some(frame), Drawing::Scalars(vec![step.tau]));
-    entities.add(k, Some(frame), Drawing::Scalars(step.k_slots.to_vec()));
-    if !step.k_lines.is_empty() {
-        entities.name(&k_lines, lines);
-        entities.add(k_lines, Some(frame), Drawing::Scalars(step.k_lines.clone()));
+/// Every parameter of a step that varies, by source.
+fn parameters(id: u32, frame: u32, explanation: &Explanation, step: usize, entities: &mut Entities) {
+    for forces in &explanation.terms {
+        let term = forces.term();
+        for (i, parameter) in term.varying().enumerate() {
+            let values = forces.parameter(i, step);
+            if values.is_empty() {
+                continue;
+            }
+            let entity = format!("/scalars/{id}/{}", scalar(&term.name, &parameter.name));
+            entities.name(&entity, || series(term.arity, parameter, values.len()));
+            entities.add(entity, Some(frame), Drawing::Scalars(values.to_vec()));
+        }
+    }
+}
+
+/// Where the scalars of a parameter stand below those of a vehicle.
+pub(crate) fn scalar(term: &str, parameter: &str) -> String {
+    format!("{term}/{parameter}")
+}
+
+/// Names of the values of a parameter by source.
+fn series(arity: Arity, parameter: &TermParameter, sources: usize) -> Vec<String> {
+    match arity {
+        Arity::One => vec![format!("{}, {}", parameter.name, parameter.unit)],
+        Arity::PerNeighbour => SLOT_NAMES.iter().take(sources).map(|name| (*name).to_owned()).collect(),
+        Arity::PerLine => (1..=sources).map(|i| format!("line {i} from the right")).collect(),
     }
 }
 
@@ -217,11 +228,13 @@ fn about(clip: &Clip, picked: Option<u32>) -> String {
              the road, and in the origins of the others.\n\n"
         )
     });
+    let described = |term: &TermDescriptor| format!("{} ({})", term.meaning, term.colour);
+    let forces = clip.terms().into_iter().map(described).collect::<Vec<_>>().join(", ");
     format!(
         "# {}\n\n{simulated}Forward is x, left is y, in m; `time` is the frame number divided by {} Hz.\n\n{picked}\
          A forecast is made each second, from the history in dark grey. The likeliest path is dark red, the others are \
-         green; pointing at one tells its probability. Arrows stand along the likeliest path where its vehicle then is: the \
-         pull of the goal yellow, the push of neighbours blue, of lane lines black; {ARROW_M} m of arrow are 1 m/s². \
+         green; pointing at one tells its probability. Arrows stand along the likeliest path where its vehicle then is: \
+         {forces}; {ARROW_M} m of arrow are 1 m/s². \
          Scalars are those of the latest forecast's likeliest path.\n\n\
          Grey boxes of vehicles of the {} subset are darker.\n",
         clip.title, clip.rate_hz, clip.subset

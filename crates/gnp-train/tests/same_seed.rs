@@ -62,8 +62,9 @@ fn traj_config() -> TrajConfig {
         r_col: 10.,
         lines: true,
         input_scale: InputScale { position: 0.02, velocity: 0.05 },
-        integrator: Integrator::SemiImplicit,
+        integrator: Integrator::SemiImplicitEuler,
         network_period: 1,
+        terms: Vec::new(),
     }
 }
 

@@ -11,7 +11,7 @@ use std::time::Duration;
 use candle_core::{Device, Result, Tensor};
 use criterion::{Criterion, criterion_group, criterion_main};
 use gnp_nn::Weights;
-use gnp_traj::{Engine, NeighbourStates, Neighbours, Phase, Scene, SocialForce, TrajConfig, TrajError};
+use gnp_traj::{Engine, NeighbourStates, Neighbours, Phase, RollOutBatch, SocialForce, TrajConfig, TrajError};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -34,10 +34,10 @@ struct Length {
 const NGSIM: Length = Length { name: "ngsim", observed: 30, steps: 50, dt: 0.1 };
 const HIGHD: Length = Length { name: "highd", observed: 75, steps: 125, dt: 0.04 };
 
-fn scene(length: Length, windows: usize, goals: usize) -> Result<Scene> {
+fn scene(length: Length, windows: usize, goals: usize) -> Result<RollOutBatch> {
     let rng = &mut ChaCha8Rng::seed_from_u64(1);
     let present: Vec<f32> = (0..windows * SLOTS).map(|_| f32::from(u8::from(rng.random_bool(0.65)))).collect();
-    Ok(Scene {
+    Ok(RollOutBatch {
         observed: uniform(rng, &[windows, length.observed, 4], 1.7)?,
         goals: (uniform(rng, &[windows, goals, 2], 1.7)? + 100.)?,
         neighbours: Some(Neighbours {
@@ -51,7 +51,7 @@ fn scene(length: Length, windows: usize, goals: usize) -> Result<Scene> {
 }
 
 /// One forward and backward pass.
-fn train(network: &SocialForce, engine: Engine, scene: &Scene) -> std::result::Result<(), TrajError> {
+fn train(network: &SocialForce, engine: Engine, scene: &RollOutBatch) -> std::result::Result<(), TrajError> {
     let loss = network.roll_out_on(engine, scene, Phase::Full)?.sqr()?.mean_all()?;
     black_box(loss.backward()?);
     Ok(())

@@ -1,8 +1,9 @@
 //! Sizes, force limits and integrator of the neural social force.
 
+use gnp_force::Integrator;
 use serde::{Deserialize, Serialize};
 
-use crate::TrajError;
+use crate::{TermConfig, TrajError};
 
 /// Sizes and physics of the neural social force; the published values are [`TrajConfig::published`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,11 +36,15 @@ pub struct TrajConfig {
     pub lines: bool,
     /// Factors on what enters the networks; the physics always sees metres and m/s.
     pub input_scale: InputScale,
-    /// How a step is taken.
+    /// How a step is taken: `explicit` (the paper's expansion) or `semi_implicit` (the published code).
     pub integrator: Integrator,
     /// The networks see every n-th frame, observed or rolled out, counted from the last observed
     /// one; the physics runs at every frame with the last `tau` and `k`. 1 is the published form.
     pub network_period: usize,
+    /// Terms of the force beside those whose parameters the networks set; none in the published form, nor in files from
+    /// before there were any.
+    #[serde(default)]
+    pub terms: Vec<TermConfig>,
 }
 
 /// Factors that multiply states, goals and neighbours before they enter a network. The distances
@@ -51,16 +56,6 @@ pub struct InputScale {
     pub position: f64,
     /// Factor on velocities, in s/m; 1 is the published form.
     pub velocity: f64,
-}
-
-/// One step of the equation of motion.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Integrator {
-    /// The position moves with the old velocity (the paper's expansion).
-    Explicit,
-    /// The position moves with the new velocity (the published code).
-    SemiImplicit,
 }
 
 impl TrajConfig {
@@ -80,8 +75,9 @@ impl TrajConfig {
             r_col: 26.,
             lines: false,
             input_scale: InputScale { position: 1., velocity: 1. },
-            integrator: Integrator::SemiImplicit,
+            integrator: Integrator::SemiImplicitEuler,
             network_period: 1,
+            terms: Vec::new(),
         }
     }
 
@@ -117,6 +113,10 @@ impl TrajConfig {
         if !self.k_bias.is_finite() {
             return refuse("k_bias", self.k_bias.to_string(), "give a finite number");
         }
+        if self.integrator == Integrator::RungeKutta4 {
+            let remedy = "give explicit or semi_implicit; the networks run once a step";
+            return refuse("integrator", "runge_kutta4".to_owned(), remedy);
+        }
         if self.network_period == 0 {
             return refuse("network_period", "0".to_owned(), "give 1 to run the networks at every step");
         }
@@ -148,6 +148,7 @@ mod tests {
         assert_eq!(refused(|c| c.k_bias = f64::INFINITY), "k_bias");
         assert_eq!(refused(|c| c.input_scale.velocity = 0.), "input_scale.velocity");
         assert_eq!(refused(|c| c.network_period = 0), "network_period");
+        assert_eq!(refused(|c| c.integrator = Integrator::RungeKutta4), "integrator");
     }
 
     #[test]
@@ -155,5 +156,11 @@ mod tests {
         let text = toml::to_string(&TrajConfig::published()).unwrap();
         assert_eq!(toml::from_str::<TrajConfig>(&text).unwrap(), TrajConfig::published());
         assert!(toml::from_str::<TrajConfig>(&format!("hiden = 3\n{text}")).is_err());
+        assert!(text.contains("integrator = \"semi_implicit\""), "{text}");
+        let lines = TermConfig { name: "lines".to_owned(), parameters: [("k".to_owned(), 0.3)].into() };
+        let cfg = TrajConfig { terms: vec![lines], ..TrajConfig::published() };
+        assert_eq!(toml::from_str::<TrajConfig>(&toml::to_string(&cfg).unwrap()).unwrap(), cfg);
+        let before = text.replace("terms = []\n", "");
+        assert_eq!(toml::from_str::<TrajConfig>(&before).unwrap(), TrajConfig::published());
     }
 }

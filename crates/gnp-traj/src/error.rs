@@ -1,6 +1,6 @@
-//! What can be wrong with a configuration or a scene.
+//! What can be wrong with a configuration or a batch.
 
-/// Why a network could not be built or a scene could not be rolled out.
+/// Why a network could not be built or a batch could not be rolled out.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrajError {
@@ -14,21 +14,29 @@ pub enum TrajError {
         /// What it must be.
         remedy: &'static str,
     },
-    /// A tensor of the scene has another shape than the others ask for.
-    #[error("scene: `{name}` has shape {found:?}, expected {expected}")]
+    /// A tensor of the batch has another shape than the others ask for.
+    #[error("roll-out: `{name}` has shape {found:?}, expected {expected}")]
     Shape {
-        /// Field of the scene.
+        /// Field of the batch.
         name: &'static str,
         /// Its shape.
         found: Vec<usize>,
         /// The shape it should have; named sizes come from the other fields.
         expected: String,
     },
-    /// A field of the scene has a value that the roll-out cannot use.
-    #[error("scene: `{name}`: {problem}")]
-    Scene {
-        /// Field of the scene.
+    /// A field of the batch has a value that the roll-out cannot use.
+    #[error("roll-out: `{name}`: {problem}")]
+    Batch {
+        /// Field of the batch.
         name: &'static str,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+    /// A term of the force cannot act as it is asked to.
+    #[error("force term `{name}`: {problem}")]
+    Term {
+        /// Name of the term.
+        name: String,
         /// What is wrong and what to do.
         problem: String,
     },

@@ -7,7 +7,7 @@
 //! - All weights are one flat vector (`layout`), packed once a call for the products of [`gnp_nn::kernels`].
 //! - `forward` runs the networks (`history_encoder`, `head`, `mlp`) and the physics of `gnp_force` step by step;
 //!   what `backward` needs stays in the buffers of a tape, and without a gradient nothing stays.
-//! - Empty slots and lines are left out rather than masked, and the history is occupied in once a window.
+//! - Empty slots and lines are left out rather than masked, and the history is taken in once a window.
 //! - Chunks do not depend on the number of threads and gradients add up in their order, so that the
 //!   same bits come out on any number of them.
 //!
@@ -25,15 +25,18 @@ mod trace;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use candle_core::{CpuStorage, CustomOp1, Device, Layout as Strides, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp3, DType, Device, Layout as Strides, Result, Shape, Tensor};
+use gnp_force::TermDescriptor;
 use gnp_nn::kernels::Pool;
 use rayon::prelude::*;
 
+use self::backward::InputGradient;
 use self::batch::{Batch, Chunk};
 use self::forward::{Outcome, Record, Tape};
 use self::layout::{Gradient, Net, Packed};
-use crate::scene::Sizes;
-use crate::{Phase, RollOut, Scene, TrajConfig};
+use crate::network::SocialForce;
+use crate::roll_out::Sizes;
+use crate::{Phase, RollOut, RollOutBatch, TermRollOut, TrajConfig};
 
 pub(crate) use self::layout::Layout;
 
@@ -62,13 +65,13 @@ impl Fused {
         &self.layout.names
     }
 
-    /// The path `[batch, goals, steps, 2]` with a gradient to the `weights` (in the order of
+    /// The path `[batch, goals, steps, 2]` with a gradient to goals, observations and the `weights` (in the order of
     /// [`Fused::names`]) that `phase` trains.
     pub(crate) fn path(
         &self,
-        cfg: &TrajConfig,
+        network: &SocialForce,
         weights: &[Tensor],
-        scene: &Scene,
+        batch: &RollOutBatch,
         sizes: Sizes,
         phase: Phase,
     ) -> Result<Tensor> {
@@ -77,23 +80,26 @@ impl Fused {
             Ok(if self.layout.trained(i, phase) { flat } else { flat.detach() })
         };
         let flat = Tensor::cat(&weights.iter().enumerate().map(part).collect::<Result<Vec<_>>>()?, 0)?;
-        let batch = Batch::new(cfg, scene, sizes, phase)?;
-        let keep = flat.track_op();
-        flat.apply_op1(Operation { fused: self.clone(), batch, keep, memory: Mutex::default() })
+        let (goals, observed) = (batch.goals.to_dtype(DType::F32)?, batch.observed.to_dtype(DType::F32)?);
+        let inputs = goals.track_op() || observed.track_op();
+        let keep = flat.track_op() || inputs;
+        let batch = Batch::new(network, batch, sizes, phase)?;
+        let operation = Operation { fused: self.clone(), batch, keep, inputs, memory: Mutex::default() };
+        flat.apply_op3(&goals, &observed, operation)
     }
 
     /// The roll-out with its parts.
     pub(crate) fn explain(
         &self,
-        cfg: &TrajConfig,
+        network: &SocialForce,
         weights: &[Tensor],
-        scene: &Scene,
+        batch: &RollOutBatch,
         sizes: Sizes,
         phase: Phase,
     ) -> Result<RollOut> {
         let flat = weights.iter().map(Tensor::flatten_all).collect::<Result<Vec<_>>>()?;
         let flat = Tensor::cat(&flat, 0)?.to_vec1::<f32>()?;
-        let batch = Batch::new(cfg, scene, sizes, phase)?;
+        let batch = Batch::new(network, batch, sizes, phase)?;
         let net = self.layout.maps.map(|dense| Packed::new(dense, &flat, false));
         let chunks = batch.chunks();
         let outcomes: Vec<Outcome> = chunks
@@ -104,42 +110,45 @@ impl Fused {
                 outcome
             })
             .collect();
-        explained(outcomes, sizes, scene.steps)
+        explained(outcomes, &batch)
     }
 }
 
 /// The parts of all chunks as tensors.
-fn explained(outcomes: Vec<Outcome>, sizes: Sizes, steps: usize) -> Result<RollOut> {
+fn explained(outcomes: Vec<Outcome>, batch: &Batch) -> Result<RollOut> {
     let (paths, records): (Vec<_>, Vec<_>) =
         outcomes.into_iter().map(|o| (o.path, o.record.unwrap_or_default())).unzip();
     let tensor = |values: Vec<f32>, inner: &[usize]| {
-        let shape = [&[sizes.batch, sizes.goals, steps], inner].concat();
+        let shape = [&[batch.sizes.batch, batch.sizes.goals, batch.steps], inner].concat();
         Tensor::from_vec(values, shape, &Device::Cpu)
     };
-    let part = |of: fn(&Record) -> &Vec<f32>, inner: &[usize]| {
+    let part = |of: &dyn Fn(&Record) -> &Vec<f32>, inner: &[usize]| {
         let values: Vec<f32> = records.iter().flat_map(|record| of(record).iter().copied()).collect();
         tensor(values, inner)
     };
-    let (slots, lines) = (sizes.slots, sizes.lines);
-    let there = |size: usize, part: Result<Tensor>| if size > 0 { part.map(Some) } else { Ok(None) };
+    let term = |(i, (term, sources)): (usize, (&Arc<TermDescriptor>, usize))| {
+        let parameter = |j: usize| part(&|record| &record.terms[i].parameters[j], &[sources]);
+        Ok(TermRollOut {
+            term: term.clone(),
+            forces: part(&|record| &record.terms[i].forces, &[sources, 2])?,
+            parameters: (0..term.varying().count()).map(parameter).collect::<Result<_>>()?,
+        })
+    };
     Ok(RollOut {
         path: tensor(paths.concat(), &[2])?,
-        velocity: part(|r| &r.velocity, &[2])?,
-        goal_force: part(|r| &r.goal_force, &[2])?,
-        tau: part(|r| &r.tau, &[])?,
-        neighbour_forces: there(slots, part(|r| &r.neighbour_forces, &[slots, 2]))?,
-        k: there(slots, part(|r| &r.k, &[slots]))?,
-        line_forces: there(lines, part(|r| &r.line_forces, &[lines]))?,
-        k_line: there(lines, part(|r| &r.k_line, &[lines]))?,
+        velocity: part(&|record| &record.velocity, &[2])?,
+        terms: batch.acting().into_iter().enumerate().map(term).collect::<Result<_>>()?,
     })
 }
 
-/// From the flat weights to the path.
+/// From the flat weights, goals and observations to the path.
 struct Operation {
     fused: Fused,
     batch: Batch,
     /// Whether there will be a gradient.
     keep: bool,
+    /// Whether there will be one to goals or observations.
+    inputs: bool,
     memory: Mutex<Memory>,
 }
 
@@ -156,24 +165,39 @@ impl Operation {
         self.memory.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The weight gradients of one chunk for the gradient `dpath` of the whole path.
-    fn undo(&self, chunk: &Chunk<'_>, net: &Net<Packed>, tape: Option<Tape>, dpath: &[f32]) -> Net<Gradient> {
+    /// The gradients of one chunk for the gradient `dpath` of the whole path.
+    fn undo(
+        &self,
+        chunk: &Chunk<'_>,
+        net: &Net<Packed>,
+        tape: Option<Tape>,
+        dpath: &[f32],
+    ) -> (Net<Gradient>, Option<InputGradient>) {
         let (pool, width) = (&self.fused.pool, self.batch.sizes.goals * self.batch.steps * 2);
         let mut tape = tape.unwrap_or_else(|| forward::roll_out(chunk, net, pool, true, false).1);
         let mut gradient = self.fused.layout.maps.map(Gradient::zeros);
         let dpath = &dpath[chunk.windows.start * width..chunk.windows.end * width];
-        backward::adjoint(chunk, net, &mut tape, dpath, &mut gradient);
+        let inputs = backward::adjoint(chunk, net, &mut tape, dpath, &mut gradient, self.inputs);
         tape.recycle(pool, self.fused.tape_values);
-        gradient
+        (gradient, inputs)
     }
 }
 
-impl CustomOp1 for Operation {
+impl CustomOp3 for Operation {
     fn name(&self) -> &'static str {
         "social-force-roll-out"
     }
 
-    fn cpu_fwd(&self, storage: &CpuStorage, strides: &Strides) -> Result<(CpuStorage, Shape)> {
+    /// The batch has read goals and observations already.
+    fn cpu_fwd(
+        &self,
+        storage: &CpuStorage,
+        strides: &Strides,
+        _goals: &CpuStorage,
+        _: &Strides,
+        _observed: &CpuStorage,
+        _: &Strides,
+    ) -> Result<(CpuStorage, Shape)> {
         let Some((start, end)) = strides.contiguous_offsets() else { candle_core::bail!("flat weights are strided") };
         let flat = &storage.as_slice::<f32>()?[start..end];
         let net = Arc::new(self.fused.layout.maps.map(|dense| Packed::new(dense, flat, self.keep)));
@@ -201,7 +225,14 @@ impl CustomOp1 for Operation {
         Ok((CpuStorage::F32(paths.concat()), shape.into()))
     }
 
-    fn bwd(&self, flat: &Tensor, _path: &Tensor, dpath: &Tensor) -> Result<Option<Tensor>> {
+    fn bwd(
+        &self,
+        flat: &Tensor,
+        goals: &Tensor,
+        observed: &Tensor,
+        _path: &Tensor,
+        dpath: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let Memory { net, tapes } = std::mem::take(&mut *self.memory());
         let Some(net) = net else {
             candle_core::bail!("a roll-out passes its gradient back once; roll out again before the next backward pass")
@@ -209,17 +240,25 @@ impl CustomOp1 for Operation {
         let dpath = dpath.flatten_all()?.to_vec1::<f32>()?;
         let mut work: Vec<_> = self.batch.chunks().into_iter().zip(tapes).collect();
         let mut sum = vec![0.; flat.elem_count()];
+        let (mut dgoals, mut dobserved) = (Vec::new(), Vec::new());
         while !work.is_empty() {
             let group: Vec<_> = work.drain(..GROUP.min(work.len())).collect();
-            let gradients: Vec<Net<Gradient>> =
+            let gradients: Vec<_> =
                 group.into_par_iter().map(|(chunk, tape)| self.undo(&chunk, &net, tape, &dpath)).collect();
-            for gradient in &gradients {
+            for (gradient, inputs) in gradients {
                 for (gradient, dense) in gradient.iter().zip(self.fused.layout.maps.iter()) {
                     gradient.add_to(dense, &mut sum);
                 }
+                if let Some(inputs) = inputs {
+                    dgoals.extend(inputs.goals);
+                    dobserved.extend(inputs.observed);
+                }
             }
         }
-        Tensor::from_vec(sum, flat.shape(), flat.device()).map(Some)
+        let tensor = |values, like: &Tensor| Tensor::from_vec(values, like.shape(), like.device());
+        let (dgoals, dobserved) =
+            if self.inputs { (Some(tensor(dgoals, goals)?), Some(tensor(dobserved, observed)?)) } else { (None, None) };
+        Ok((Some(tensor(sum, flat)?), dgoals, dobserved))
     }
 }
 
@@ -237,7 +276,7 @@ mod tests {
             let values: Vec<f32> = (0..shape.iter().product()).map(|i: usize| (i as f32 * 0.7).sin()).collect();
             Tensor::from_vec(values, shape, &Device::Cpu)
         };
-        let scene = Scene {
+        let batch = RollOutBatch {
             observed: wave(&[40, 3, 4])?,
             goals: wave(&[40, 1, 2])?,
             neighbours: Some(Neighbours {
@@ -248,14 +287,15 @@ mod tests {
             dt: 0.1,
             steps: 6,
         };
-        let sizes = scene.check(&cfg, Phase::Full)?;
+        let network = SocialForce::new(&cfg, gnp_nn::Weights::seeded(1, &Device::Cpu).builder())?;
+        let sizes = batch.check(&cfg, &network.terms, Phase::Full)?;
         let mut fused = Fused::new(&cfg);
         let weights: Vec<Var> =
             fused.names().iter().map(|(_, shape)| Var::from_tensor(&wave(shape)?)).collect::<Result<_>>()?;
         let tensors: Vec<Tensor> = weights.iter().map(|weight| weight.as_tensor().clone()).collect();
         let mut gradients = |tape_values: usize| -> Result<Vec<Vec<f32>>> {
             fused.tape_values = tape_values;
-            let grads = fused.path(&cfg, &tensors, &scene, sizes, Phase::Full)?.sqr()?.sum_all()?.backward()?;
+            let grads = fused.path(&network, &tensors, &batch, sizes, Phase::Full)?.sqr()?.sum_all()?.backward()?;
             let of = |weight: &Var| match grads.get(weight) {
                 Some(gradient) => gradient.flatten_all()?.to_vec1(),
                 None => Ok(Vec::new()),

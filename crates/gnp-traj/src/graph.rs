@@ -1,90 +1,105 @@
 //! The roll-out as a graph of candle operations: the reference for every other form of it.
 
+use std::sync::Arc;
+
 use candle_core::{Module, Result, Tensor};
 use candle_nn::ops::sigmoid;
-use gnp_nn::{LstmState, Mlp};
+use gnp_force::{Arity, TermDescriptor};
+use gnp_nn::{Linear, Lstm, LstmState, Mlp};
 
-use crate::network::{HistoryEncoder, SocialForce, strength};
-use crate::scene::Sizes;
-use crate::{Integrator, NeighbourStates, Phase, RollOut, Scene, TrajConfig, laws};
+use crate::network::{SocialForce, strength};
+use crate::roll_out::Sizes;
+use crate::weights::HistoryEncoder;
+use crate::{Integrator, NeighbourStates, Phase, RollOut, RollOutBatch, TermRollOut, TrajConfig, laws};
 
 /// Rows are windows times goals; every tensor below has them first.
-pub(crate) fn roll_out(network: &SocialForce, scene: &Scene, sizes: Sizes, phase: Phase) -> Result<RollOut> {
-    let cfg = &network.cfg;
-    let (attraction, repulsion) = (&network.attraction, &network.repulsion);
+pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes, phase: Phase) -> Result<RollOut> {
+    let (cfg, net, terms) = (&network.cfg, &network.net, &network.terms);
+    let [encoder1, encoder2] = &net.history_encoders;
     let per_goal = |x: &Tensor| repeat(x, sizes.goals);
-    let start = per_goal(&scene.observed.narrow(1, sizes.observed - 1, 1)?.squeeze(1)?)?;
+    let start = per_goal(&batch.observed.narrow(1, sizes.observed - 1, 1)?.squeeze(1)?)?;
     let (mut p, mut v) = (start.narrow(1, 0, 2)?.contiguous()?, start.narrow(1, 2, 2)?.contiguous()?);
-    let goal = scene.goals.flatten(0, 1)?;
-    let goal_latent = attraction.enc_goal.forward(&(&goal * cfg.input_scale.position)?)?;
+    let goal = batch.goals.flatten(0, 1)?;
+    let goal_latent = net.enc_goal.forward(&(&goal * cfg.input_scale.position)?)?;
 
-    let history = |history_encoder: &HistoryEncoder| -> Result<Option<LstmState>> {
-        let seen = observe(history_encoder, cfg, &scene.observed)?;
+    let history = |history_encoder: &HistoryEncoder<Linear, Lstm>| -> Result<Option<LstmState>> {
+        let seen = observe(history_encoder, cfg, &batch.observed)?;
         Ok(Some(LstmState { h: per_goal(&seen.h)?, c: per_goal(&seen.c)? }))
     };
-    let mut memory1 = history(&attraction.history_encoder)?;
-    let mut memory2 = if sizes.slots + sizes.lines > 0 { history(&repulsion.history_encoder)? } else { None };
-    let neighbours = Slots::new(scene, sizes)?;
-    let lines = LineRows::new(scene, sizes)?;
+    let mut memory1 = history(encoder1)?;
+    let mut memory2 = if sizes.k || sizes.k_line { history(encoder2)? } else { None };
+    let neighbours = Slots::new(batch, sizes)?;
+    let lines = LineRows::new(batch, sizes)?;
 
     let (mut tau, mut k, mut k_line) = (None, None, None);
     let mut record = Record::default();
-    for step in 0..scene.steps {
+    for step in 0..batch.steps {
         let around = neighbours.as_ref().map(|slots| slots.at(step, &p, &v)).transpose()?;
         let lateral = lines.as_ref().map(|lines| lines.distance(&p)).transpose()?;
         if step % cfg.network_period == 0 {
             if step > 0 {
                 let state = Tensor::cat(&[(&p * cfg.input_scale.position)?, (&v * cfg.input_scale.velocity)?], 1)?;
-                memory1 = Some(attraction.history_encoder.step(&state, memory1.as_ref())?);
+                memory1 = Some(encoder1.step(&state, memory1.as_ref())?);
                 if memory2.is_some() {
-                    memory2 = Some(repulsion.history_encoder.step(&state, memory2.as_ref())?);
+                    memory2 = Some(encoder2.step(&state, memory2.as_ref())?);
                 }
             }
             if let Some(memory) = &memory1 {
-                let latent = Tensor::cat(&[attraction.history_encoder.latent(memory)?, goal_latent.clone()], 1)?;
-                let fresh = ((sigmoid(&attraction.tau.forward(&latent)?)? * cfg.tau_max)? + scene.dt)?;
+                let latent = Tensor::cat(&[encoder1.latent(memory)?, goal_latent.clone()], 1)?;
+                let fresh = ((sigmoid(&net.tau.forward(&latent)?)? * cfg.tau_max)? + batch.dt)?;
                 tau = Some(if phase == Phase::Repulsion { fresh.detach() } else { fresh });
             }
             if let Some(memory) = &memory2 {
-                let latent = repulsion.history_encoder.latent(memory)?;
-                if let (Some(slots), Some(around)) = (&neighbours, &around) {
+                let latent = encoder2.latent(memory)?;
+                if let (Some(slots), Some(around), true) = (&neighbours, &around, sizes.k) {
                     let seen = scaled(cfg, around)?;
-                    k = Some(fresh(&repulsion.enc_nei, &repulsion.k, &latent, &seen, cfg.k_max, &slots.present)?);
+                    k = Some(fresh(&net.enc_nei, &net.k, &latent, &seen, cfg.k_max, &slots.present)?);
                 }
-                if let (Some(lines), Some(d), Some((encoder, head))) = (&lines, &lateral, &repulsion.line) {
+                if let (Some(lines), Some(d), true) = (&lines, &lateral, sizes.k_line) {
                     let seen = Tensor::stack(&[d, &lines.kind], 2)?;
-                    k_line = Some(fresh(encoder, head, &latent, &seen, cfg.k_max_line, &lines.present)?);
+                    k_line = Some(fresh(&net.enc_line, &net.k_line, &latent, &seen, cfg.k_max_line, &lines.present)?);
                 }
             }
         }
         let Some(tau) = &tau else { candle_core::bail!("the networks did not run before the first step") };
-        let left = (scene.steps - step) as f64 * scene.dt;
+        let left = (batch.steps - step) as f64 * batch.dt;
         let pull = laws::goal_force(&p, &v, &goal, left, tau)?;
         let mut force = pull.clone();
+        record.add(&terms.goal, pull.unsqueeze(1)?, vec![tau.clone()]);
         if let (Some(around), Some(k)) = (&around, &k) {
             let r = p.unsqueeze(1)?.broadcast_sub(&around.narrow(2, 0, 2)?)?;
             let push = laws::vehicle_force(&r, k, cfg.r_col)?;
             force = (force + push.sum(1)?)?;
-            record.neighbour_forces.push(push);
-            record.k.push(k.clone());
+            record.add(&terms.neighbours, push, vec![k.clone()]);
         }
         if let (Some(lines), Some(d), Some(k)) = (&lines, &lateral, &k_line) {
             let push = laws::line_force(&lines.kind, d, k, &lines.side)?;
             let y = push.sum_keepdim(1)?;
             force = (force + Tensor::cat(&[y.zeros_like()?, y], 1)?)?;
-            record.line_forces.push(push);
-            record.k_line.push(k.clone());
+            record.add(&terms.lines, Tensor::stack(&[push.zeros_like()?, push], 2)?, vec![k.clone()]);
         }
-        let faster = (&v + (force * scene.dt)?)?;
+        for term in &terms.fixed {
+            let (sources, present) = match (term.descriptor.arity, &around, &neighbours, &lines) {
+                (Arity::One, ..) => (goal.unsqueeze(1)?, None),
+                (Arity::PerNeighbour, Some(around), Some(slots), _) => (around.clone(), Some(&slots.present)),
+                (Arity::PerLine, _, _, Some(lines)) => (lines.sources()?, Some(&lines.present)),
+                _ => continue,
+            };
+            let push = term.on_tensors(&Tensor::cat(&[&p, &v], 1)?, &sources, present, left)?;
+            force = (force + push.sum(1)?)?;
+            let (rows, count, _) = push.dims3()?;
+            let varying = term.descriptor.parameters.iter().zip(&term.parameters).filter(|(known, _)| known.varies);
+            let held = varying.map(|(_, value)| Tensor::full(*value, (rows, count), p.device()));
+            record.add(&term.descriptor, push, held.collect::<Result<_>>()?);
+        }
+        let faster = (&v + (force * batch.dt)?)?;
         p = match cfg.integrator {
-            Integrator::Explicit => (&p + (&v * scene.dt)?)?,
-            Integrator::SemiImplicit => (&p + (&faster * scene.dt)?)?,
+            Integrator::ExplicitEuler => (&p + (&v * batch.dt)?)?,
+            _ => (&p + (&faster * batch.dt)?)?,
         };
         v = faster;
         record.path.push(p.clone());
         record.velocity.push(v.clone());
-        record.goal_force.push(pull);
-        record.tau.push(tau.squeeze(1)?);
     }
     record.finish(sizes)
 }
@@ -106,7 +121,7 @@ fn scaled(cfg: &TrajConfig, states: &Tensor) -> Result<Tensor> {
 }
 
 /// The memory after every `network_period`-th observed frame, the last one included.
-fn observe(history_encoder: &HistoryEncoder, cfg: &TrajConfig, observed: &Tensor) -> Result<LstmState> {
+fn observe(history_encoder: &HistoryEncoder<Linear, Lstm>, cfg: &TrajConfig, observed: &Tensor) -> Result<LstmState> {
     let frames = observed.dim(1)?;
     let mut memory = None;
     for frame in ((frames - 1) % cfg.network_period..frames).step_by(cfg.network_period) {
@@ -145,8 +160,8 @@ enum Source {
 }
 
 impl Slots {
-    fn new(scene: &Scene, sizes: Sizes) -> Result<Option<Self>> {
-        let Some(neighbours) = scene.neighbours.as_ref().filter(|_| sizes.slots > 0) else { return Ok(None) };
+    fn new(batch: &RollOutBatch, sizes: Sizes) -> Result<Option<Self>> {
+        let Some(neighbours) = batch.neighbours.as_ref().filter(|_| sizes.slots > 0) else { return Ok(None) };
         let mask = neighbours.present.ne(0f64)?;
         let source = match &neighbours.states {
             NeighbourStates::Given(states) => {
@@ -187,8 +202,8 @@ struct LineRows {
 }
 
 impl LineRows {
-    fn new(scene: &Scene, sizes: Sizes) -> Result<Option<Self>> {
-        let Some(lines) = scene.lines.as_ref().filter(|_| sizes.lines > 0) else { return Ok(None) };
+    fn new(batch: &RollOutBatch, sizes: Sizes) -> Result<Option<Self>> {
+        let Some(lines) = batch.lines.as_ref().filter(|_| sizes.lines > 0) else { return Ok(None) };
         let mask = lines.present.ne(0f64)?;
         let column = |i: usize| -> Result<Tensor> {
             let values = lines.lines.narrow(2, i, 1)?.squeeze(2)?.contiguous()?;
@@ -196,6 +211,11 @@ impl LineRows {
         };
         let present = repeat(&mask.to_dtype(lines.present.dtype())?, sizes.goals)?;
         Ok(Some(Self { y: column(0)?, kind: column(1)?, side: column(2)?, present }))
+    }
+
+    /// `(y, kind, side)` `[rows, lines, 3]`.
+    fn sources(&self) -> Result<Tensor> {
+        Tensor::stack(&[&self.y, &self.kind, &self.side], 2)
     }
 
     /// Signed distances `y - y_line` `[rows, lines]` of rows at `p`.
@@ -209,15 +229,30 @@ impl LineRows {
 struct Record {
     path: Vec<Tensor>,
     velocity: Vec<Tensor>,
-    goal_force: Vec<Tensor>,
-    tau: Vec<Tensor>,
-    neighbour_forces: Vec<Tensor>,
-    k: Vec<Tensor>,
-    line_forces: Vec<Tensor>,
-    k_line: Vec<Tensor>,
+    terms: Vec<TermSteps>,
+}
+
+/// A term in every step: forces `[rows, sources, 2]` and each parameter that varies, `rows * sources` values.
+struct TermSteps {
+    term: Arc<TermDescriptor>,
+    forces: Vec<Tensor>,
+    parameters: Vec<Vec<Tensor>>,
 }
 
 impl Record {
+    /// A term in the next step.
+    fn add(&mut self, term: &Arc<TermDescriptor>, forces: Tensor, parameters: Vec<Tensor>) {
+        match self.terms.iter_mut().find(|steps| steps.term.name == term.name) {
+            Some(steps) => {
+                steps.forces.push(forces);
+                steps.parameters.push(parameters);
+            }
+            None => {
+                self.terms.push(TermSteps { term: term.clone(), forces: vec![forces], parameters: vec![parameters] })
+            }
+        }
+    }
+
     fn finish(self, sizes: Sizes) -> Result<RollOut> {
         let stack = |steps: &[Tensor]| -> Result<Tensor> {
             let stacked = Tensor::stack(steps, 1)?;
@@ -225,16 +260,19 @@ impl Record {
             shape.splice(0..1, [sizes.batch, sizes.goals]);
             stacked.reshape(shape)
         };
-        let there = |steps: &[Tensor]| if steps.is_empty() { Ok(None) } else { stack(steps).map(Some) };
+        let term = |steps: TermSteps| -> Result<TermRollOut> {
+            let parameter = |i: usize| {
+                let values: Vec<Tensor> = steps.parameters.iter().filter_map(|values| values.get(i).cloned()).collect();
+                stack(&values)
+            };
+            let count = steps.parameters.first().map_or(0, Vec::len);
+            let parameters = (0..count).map(parameter).collect::<Result<_>>()?;
+            Ok(TermRollOut { forces: stack(&steps.forces)?, parameters, term: steps.term })
+        };
         Ok(RollOut {
             path: stack(&self.path)?,
             velocity: stack(&self.velocity)?,
-            goal_force: stack(&self.goal_force)?,
-            tau: stack(&self.tau)?,
-            neighbour_forces: there(&self.neighbour_forces)?,
-            k: there(&self.k)?,
-            line_forces: there(&self.line_forces)?,
-            k_line: there(&self.k_line)?,
+            terms: self.terms.into_iter().map(term).collect::<Result<_>>()?,
         })
     }
 }

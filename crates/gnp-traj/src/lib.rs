@@ -8,14 +8,15 @@
 //! SI units in the window frame: x forward along the road, y to its left, the last observed position
 //! is the origin. A vehicle's state is `(x, y, vx, vy)`.
 //!
-//! Start at [`SocialForce`] and [`Scene`].
+//! Start at [`SocialForce`] and [`RollOutBatch`]. Other terms of the force act beside the networks' own, with fixed
+//! parameters: those of `gnp_force` by their name in [`TrajConfig::terms`], any other by [`SocialForce::with_term`].
 //!
 //! ```
 //! use candle_core::{DType, Device, Tensor};
-//! use gnp_traj::{Phase, Scene, SocialForce, TrajConfig};
+//! use gnp_traj::{Phase, RollOutBatch, SocialForce, TrajConfig};
 //! let weights = gnp_nn::Weights::seeded(1, &Device::Cpu);
 //! let network = SocialForce::new(&TrajConfig::published(), weights.builder())?;
-//! let scene = Scene {
+//! let batch = RollOutBatch {
 //!     observed: Tensor::zeros((3, 31, 4), DType::F32, &Device::Cpu)?,
 //!     goals: Tensor::new(&[[[100f32, 0.]], [[120., 3.6]], [[90., 0.]]], &Device::Cpu)?,
 //!     neighbours: None,
@@ -23,7 +24,7 @@
 //!     dt: 0.1,
 //!     steps: 5,
 //! };
-//! assert_eq!(network.roll_out(&scene, Phase::Attraction)?.dims(), [3, 1, 5, 2]);
+//! assert_eq!(network.roll_out(&batch, Phase::Attraction)?.dims(), [3, 1, 5, 2]);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
@@ -33,9 +34,13 @@ mod fused;
 mod graph;
 mod laws;
 mod network;
-mod scene;
+mod roll_out;
+mod terms;
+mod weights;
 
-pub use crate::config::{InputScale, Integrator, TrajConfig};
+pub use crate::config::{InputScale, TrajConfig};
 pub use crate::error::TrajError;
 pub use crate::network::SocialForce;
-pub use crate::scene::{Engine, Lines, NeighbourStates, Neighbours, Phase, RollOut, Scene};
+pub use crate::roll_out::{Engine, Lines, NeighbourStates, Neighbours, Phase, RollOut, RollOutBatch, TermRollOut};
+pub use crate::terms::TermConfig;
+pub use gnp_force::{Arity, ForceTerm, Integrator};

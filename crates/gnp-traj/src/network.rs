@@ -1,60 +1,91 @@
 //! The attraction network (phi_1) and the repulsion network (phi_2).
 
+use std::sync::Arc;
+
 use candle_core::{Module, Tensor};
 use candle_nn::{Init, VarBuilder, ops::sigmoid};
+use gnp_force::{ForceTerm, GoalAttraction, LineRepulsion, TermDescriptor, VehicleRepulsion};
 use gnp_nn::{Linear, Lstm, LstmState, Mlp, linear};
 
 use crate::fused::Fused;
-use crate::scene::Sizes;
-use crate::{Engine, NeighbourStates, Phase, RollOut, Scene, TrajConfig, TrajError, graph};
+use crate::roll_out::Sizes;
+use crate::terms::FixedTerm;
+use crate::weights::{Builder, HistoryEncoder, Net};
+use crate::{Engine, NeighbourStates, Phase, RollOut, RollOutBatch, TrajConfig, TrajError, graph};
 
 /// The neural social force; the weights have the names of the reference implementation in PyTorch,
 /// with `enc_line` and `k_line` beside them when lines push.
 #[derive(Clone, Debug)]
 pub struct SocialForce {
     pub(crate) cfg: TrajConfig,
-    pub(crate) attraction: Attraction,
-    pub(crate) repulsion: Repulsion,
+    pub(crate) net: Net<Linear, Lstm, Mlp>,
+    pub(crate) terms: Terms,
     fused: Fused,
     /// In the order in which the fused roll-out lays them out.
     weights: Vec<Tensor>,
 }
 
-/// phi_1: history and goal give `tau`.
+/// The terms that act: those whose parameters the networks set, then the others.
 #[derive(Clone, Debug)]
-pub(crate) struct Attraction {
-    pub(crate) history_encoder: HistoryEncoder,
-    pub(crate) enc_goal: Mlp,
-    pub(crate) tau: Mlp,
+pub(crate) struct Terms {
+    pub(crate) goal: Arc<TermDescriptor>,
+    pub(crate) neighbours: Arc<TermDescriptor>,
+    pub(crate) lines: Arc<TermDescriptor>,
+    pub(crate) fixed: Vec<FixedTerm>,
 }
 
-/// phi_2: history and neighbour give `k`, history and line give `k_line`.
-#[derive(Clone, Debug)]
-pub(crate) struct Repulsion {
-    pub(crate) history_encoder: HistoryEncoder,
-    pub(crate) enc_nei: Mlp,
-    pub(crate) k: Mlp,
-    /// Encoder and head.
-    pub(crate) line: Option<(Mlp, Mlp)>,
-}
-
-/// Embedding, LSTM and latent of the history, seen or predicted.
-#[derive(Clone, Debug)]
-pub(crate) struct HistoryEncoder {
-    emb: Linear,
-    cell: Lstm,
-    out: Linear,
-}
-
-impl HistoryEncoder {
-    fn new(cfg: &TrajConfig, number: usize, vb: &VarBuilder) -> candle_core::Result<Self> {
-        Ok(Self {
-            emb: linear(4, cfg.embedding, vb.pp(format!("emb{number}")))?,
-            cell: Lstm::new(cfg.embedding, cfg.hidden, vb.pp(format!("cell{number}")))?,
-            out: linear(cfg.hidden, cfg.latent_dim, vb.pp(format!("out{number}")))?,
-        })
+impl Terms {
+    fn new() -> Self {
+        let described = |law: &dyn ForceTerm<f32>| Arc::new(law.descriptor().clone());
+        Self {
+            goal: described(&GoalAttraction),
+            neighbours: described(&VehicleRepulsion),
+            lines: described(&LineRepulsion),
+            fixed: Vec::new(),
+        }
     }
 
+    /// Adds a term unless one of its name acts already.
+    fn add(&mut self, term: FixedTerm, cfg: &TrajConfig) -> Result<(), TrajError> {
+        let name = &term.descriptor.name;
+        let learned = [&self.goal, &self.neighbours].into_iter().chain(cfg.lines.then_some(&self.lines));
+        if learned.chain(self.fixed.iter().map(|term| &term.descriptor)).any(|other| other.name == *name) {
+            let problem = "acts already; a name stands for one term".to_owned();
+            return Err(TrajError::Term { name: name.to_string(), problem });
+        }
+        self.fixed.push(term);
+        Ok(())
+    }
+}
+
+/// Makes the modules of the graph.
+struct Modules<'a>(VarBuilder<'a>);
+
+impl Builder for Modules<'_> {
+    type Linear = Linear;
+    type Cell = Lstm;
+    type Mlp = Mlp;
+    type Error = candle_core::Error;
+
+    fn linear(&mut self, name: &str, inputs: usize, outputs: usize) -> candle_core::Result<Linear> {
+        linear(inputs, outputs, self.0.pp(name))
+    }
+
+    fn cell(&mut self, name: &str, inputs: usize, hidden: usize) -> candle_core::Result<Lstm> {
+        Lstm::new(inputs, hidden, self.0.pp(name))
+    }
+
+    fn mlp(&mut self, name: &str, widths: &[usize], _: &[usize], bias: Option<f64>) -> candle_core::Result<Mlp> {
+        let vb = self.0.pp(name);
+        if let (Some(bias), Some(last)) = (bias, widths.len().checked_sub(2)) {
+            // Asked for first, so that it starts from this value and not from the layer's own.
+            vb.pp(2 * last).get_with_hints(1, "bias", Init::Const(bias))?;
+        }
+        Mlp::new(widths, vb)
+    }
+}
+
+impl HistoryEncoder<Linear, Lstm> {
     /// Takes in one frame of scaled states `[rows, 4]`.
     pub(crate) fn step(&self, states: &Tensor, memory: Option<&LstmState>) -> candle_core::Result<LstmState> {
         self.cell.step(&self.emb.forward(states)?.relu()?, memory)
@@ -73,31 +104,25 @@ impl SocialForce {
     /// When the configuration is refused, or `vb` holds a weight of another shape.
     pub fn new(cfg: &TrajConfig, vb: VarBuilder) -> Result<Self, TrajError> {
         cfg.check()?;
-        let encoder = |input: usize| [&[input], &cfg.encoder[..], &[cfg.latent_dim]].concat();
-        let head = [&[2 * cfg.latent_dim], &cfg.decoder[..], &[1]].concat();
-        let strength = |name: &str| {
-            let vb = vb.pp(name);
-            // Asked for first, so that it starts from this value and not from the layer's own.
-            vb.pp(2 * cfg.decoder.len()).get_with_hints(1, "bias", Init::Const(cfg.k_bias))?;
-            Mlp::new(&head, vb)
-        };
-        let line =
-            if cfg.lines { Some((Mlp::new(&encoder(2), vb.pp("enc_line"))?, strength("k_line")?)) } else { None };
-        let attraction = Attraction {
-            history_encoder: HistoryEncoder::new(cfg, 1, &vb)?,
-            enc_goal: Mlp::new(&encoder(2), vb.pp("enc_goal"))?,
-            tau: Mlp::new(&head, vb.pp("tau"))?,
-        };
-        let repulsion = Repulsion {
-            history_encoder: HistoryEncoder::new(cfg, 2, &vb)?,
-            enc_nei: Mlp::new(&encoder(4), vb.pp("enc_nei"))?,
-            k: strength("k")?,
-            line,
-        };
+        let mut terms = Terms::new();
+        for term in &cfg.terms {
+            terms.add(FixedTerm::configured(term)?, cfg)?;
+        }
+        let net = Net::build(cfg, &mut Modules(vb.clone()))?;
         let fused = Fused::new(cfg);
         let weight = |(name, shape): &(String, Vec<usize>)| vb.get(shape.as_slice(), name);
         let weights = fused.names().iter().map(weight).collect::<candle_core::Result<_>>()?;
-        Ok(Self { cfg: cfg.clone(), attraction, repulsion, fused, weights })
+        Ok(Self { cfg: cfg.clone(), net, terms, fused, weights })
+    }
+
+    /// The same networks with one more term of the force, which acts in every step of every phase with these values of
+    /// its parameters.
+    ///
+    /// # Errors
+    /// When a term of its name acts already, or the values are not as many as its parameters.
+    pub fn with_term(mut self, law: Arc<dyn ForceTerm<f32>>, parameters: &[f64]) -> Result<Self, TrajError> {
+        self.terms.add(FixedTerm::new(law, parameters)?, &self.cfg)?;
+        Ok(self)
     }
 
     /// The configuration the networks were built with.
@@ -107,23 +132,23 @@ impl SocialForce {
     }
 
     /// Positions after each step `[batch, goals, steps, 2]` in m, with a gradient to the weights
-    /// that `phase` trains; one backward pass a roll-out.
+    /// that `phase` trains and to the goals and observations that ask for one; one backward pass a roll-out.
     ///
     /// # Errors
-    /// When the scene is incomplete or its shapes do not fit each other.
-    pub fn roll_out(&self, scene: &Scene, phase: Phase) -> Result<Tensor, TrajError> {
-        self.roll_out_on(self.engine(scene, phase), scene, phase)
+    /// When the batch is incomplete or its shapes do not fit each other.
+    pub fn roll_out(&self, batch: &RollOutBatch, phase: Phase) -> Result<Tensor, TrajError> {
+        self.roll_out_on(self.engine(batch, phase), batch, phase)
     }
 
     /// [`SocialForce::roll_out`] on an engine of the caller's choice.
     ///
     /// # Errors
-    /// As [`SocialForce::roll_out`], and when the engine does not offer what the scene asks for.
-    pub fn roll_out_on(&self, engine: Engine, scene: &Scene, phase: Phase) -> Result<Tensor, TrajError> {
-        let sizes = self.check(engine, scene, phase)?;
+    /// As [`SocialForce::roll_out`], and when the engine does not offer what the batch asks for.
+    pub fn roll_out_on(&self, engine: Engine, batch: &RollOutBatch, phase: Phase) -> Result<Tensor, TrajError> {
+        let sizes = self.check(engine, batch, phase)?;
         Ok(match engine {
-            Engine::Fused => self.fused.path(&self.cfg, &self.weights, scene, sizes, phase)?,
-            Engine::Graph => graph::roll_out(self, scene, sizes, phase)?.path,
+            Engine::Fused => self.fused.path(self, &self.weights, batch, sizes, phase)?,
+            Engine::Graph => graph::roll_out(self, batch, sizes, phase)?.path,
         })
     }
 
@@ -131,34 +156,40 @@ impl SocialForce {
     ///
     /// # Errors
     /// As [`SocialForce::roll_out`].
-    pub fn predict(&self, scene: &Scene, phase: Phase) -> Result<Tensor, TrajError> {
-        self.detached()?.roll_out(scene, phase)
+    pub fn predict(&self, batch: &RollOutBatch, phase: Phase) -> Result<Tensor, TrajError> {
+        self.detached()?.roll_out(&batch.detached(), phase)
     }
 
     /// The roll-out with its forces and their parameters, without a gradient.
     ///
     /// # Errors
     /// As [`SocialForce::roll_out`].
-    pub fn roll_out_explained(&self, scene: &Scene, phase: Phase) -> Result<RollOut, TrajError> {
-        self.roll_out_explained_on(self.engine(scene, phase), scene, phase)
+    pub fn roll_out_explained(&self, batch: &RollOutBatch, phase: Phase) -> Result<RollOut, TrajError> {
+        self.roll_out_explained_on(self.engine(batch, phase), batch, phase)
     }
 
     /// [`SocialForce::roll_out_explained`] on an engine of the caller's choice.
     ///
     /// # Errors
     /// As [`SocialForce::roll_out_on`].
-    pub fn roll_out_explained_on(&self, engine: Engine, scene: &Scene, phase: Phase) -> Result<RollOut, TrajError> {
-        let sizes = self.check(engine, scene, phase)?;
+    pub fn roll_out_explained_on(
+        &self,
+        engine: Engine,
+        batch: &RollOutBatch,
+        phase: Phase,
+    ) -> Result<RollOut, TrajError> {
+        let batch = &batch.detached();
+        let sizes = self.check(engine, batch, phase)?;
         Ok(match engine {
-            Engine::Fused => self.fused.explain(&self.cfg, &self.weights, scene, sizes, phase)?,
-            Engine::Graph => graph::roll_out(&self.detached()?, scene, sizes, phase)?,
+            Engine::Fused => self.fused.explain(self, &self.weights, batch, sizes, phase)?,
+            Engine::Graph => graph::roll_out(&self.detached()?, batch, sizes, phase)?,
         })
     }
 
-    /// The faster engine of those that can roll `scene` out.
+    /// The faster engine of those that can roll `batch` out.
     #[must_use]
-    pub fn engine(&self, scene: &Scene, phase: Phase) -> Engine {
-        if self.fusible(scene, phase) { Engine::Fused } else { Engine::Graph }
+    pub fn engine(&self, batch: &RollOutBatch, phase: Phase) -> Engine {
+        if self.unfusible(batch, phase).is_none() { Engine::Fused } else { Engine::Graph }
     }
 
     /// The same networks on weights that ask for no gradient.
@@ -166,20 +197,44 @@ impl SocialForce {
         let named = self.fused.names().iter().zip(&self.weights);
         let weights = named.map(|((name, _), weight)| (name.clone(), weight.detach())).collect();
         let vb = VarBuilder::from_tensors(weights, self.weights[0].dtype(), self.weights[0].device());
-        Ok(Self { fused: self.fused.clone(), ..Self::new(&self.cfg, vb)? })
+        Ok(Self { fused: self.fused.clone(), terms: self.terms.clone(), ..Self::new(&self.cfg, vb)? })
     }
 
-    fn fusible(&self, scene: &Scene, phase: Phase) -> bool {
-        let joint = scene.neighbours.as_ref().is_some_and(|n| matches!(n.states, NeighbourStates::Joint { .. }));
-        self.weights.iter().all(|weight| weight.device().is_cpu()) && (phase == Phase::Attraction || !joint)
-    }
-
-    fn check(&self, engine: Engine, scene: &Scene, phase: Phase) -> Result<Sizes, TrajError> {
-        if engine == Engine::Fused && !self.fusible(scene, phase) {
-            let problem = "the fused roll-out wants a CPU and given neighbours; take the graph".to_owned();
-            return Err(TrajError::Scene { name: "neighbours.states", problem });
+    /// The field of the batch that the fused roll-out cannot serve, and why.
+    fn unfusible(&self, batch: &RollOutBatch, phase: Phase) -> Option<(&'static str, &'static str)> {
+        if !self.weights.iter().all(|weight| weight.device().is_cpu()) {
+            return Some(("observed", "the fused roll-out runs on CPUs; take the graph"));
         }
-        scene.check(&self.cfg, phase)
+        let sees = |arity| self.terms.fixed.iter().any(|term| term.descriptor.arity == arity);
+        let repels = phase != Phase::Attraction;
+        if let Some(neighbours) = batch.neighbours.as_ref().filter(|_| repels || sees(gnp_force::Arity::PerNeighbour)) {
+            match &neighbours.states {
+                NeighbourStates::Joint { .. } => {
+                    return Some(("neighbours.states", "the fused roll-out wants given neighbours; take the graph"));
+                }
+                NeighbourStates::Given(states) if states.track_op() => {
+                    return Some((
+                        "neighbours.states",
+                        "only the graph has a gradient for it; take that, or detach it",
+                    ));
+                }
+                NeighbourStates::Given(_) => {}
+            }
+        }
+        let lines = batch.lines.as_ref().filter(|_| repels || sees(gnp_force::Arity::PerLine));
+        lines
+            .filter(|lines| lines.lines.track_op())
+            .map(|_| ("lines.lines", "only the graph has a gradient for it; take that, or detach it"))
+    }
+
+    fn check(&self, engine: Engine, batch: &RollOutBatch, phase: Phase) -> Result<Sizes, TrajError> {
+        let sizes = batch.check(&self.cfg, &self.terms, phase)?;
+        match self.unfusible(batch, phase) {
+            Some((name, problem)) if engine == Engine::Fused => {
+                Err(TrajError::Batch { name, problem: problem.to_owned() })
+            }
+            _ => Ok(sizes),
+        }
     }
 }
 

@@ -6,7 +6,7 @@ use candle_nn::VarBuilder;
 use gnp_data::SLOTS;
 use gnp_goal::{GoalConfig, GoalNet, GoalShape, Pick, ProbabilityHead, Regression, goal_loss};
 use gnp_nn::Weights;
-use gnp_traj::{Engine, NeighbourStates, Neighbours, Phase, Scene, SocialForce, TrajConfig};
+use gnp_traj::{Engine, NeighbourStates, Neighbours, Phase, RollOutBatch, SocialForce, TrajConfig};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -79,8 +79,8 @@ impl Draw {
 #[derive(Debug)]
 pub(super) struct Traj {
     network: Twice<SocialForce>,
-    one: Scene,
-    many: Scene,
+    one: RollOutBatch,
+    many: RollOutBatch,
     truth: Tensor,
 }
 
@@ -88,7 +88,7 @@ impl Traj {
     pub(super) fn new(lengths: Lengths, windows: usize) -> Result<Self> {
         let Lengths { observed, predicted, dt, .. } = lengths;
         let mut draw = Draw::new();
-        let one = Scene {
+        let one = RollOutBatch {
             observed: draw.values(&[windows, observed, 4], 1.)?,
             goals: (draw.values(&[windows, 1, 2], 1.)? + 100.)?,
             neighbours: Some(Neighbours {
@@ -99,7 +99,7 @@ impl Traj {
             dt,
             steps: predicted,
         };
-        let many = Scene { goals: (draw.values(&[windows, GOALS, 2], 1.)? + 100.)?, ..one.clone() };
+        let many = RollOutBatch { goals: (draw.values(&[windows, GOALS, 2], 1.)? + 100.)?, ..one.clone() };
         let truth = draw.values(&[windows, 1, predicted, 2], 1.)?;
         let network = Twice::new(|vb| Ok(SocialForce::new(&TrajConfig::published(), vb)?))?;
         Ok(Self { network, one, many, truth })

@@ -9,6 +9,8 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use gnp_force::MarkingKind;
+
 use super::periods::{Picked, out_of_order};
 use super::table::sniff::{Head, Separator};
 use super::table::{Kind, Table, Values, Wanted};
@@ -19,7 +21,7 @@ use crate::error::DataError;
 use crate::format::{Format, Source, check_rate};
 use crate::ingest_report::IngestReport;
 use crate::lanes::MAX_LANE_WIDTH;
-use crate::recording::{LaneMarking, MarkingKind, Recording, RecordingMeta, Road, VehicleClass};
+use crate::recording::{LaneMarking, Recording, RecordingMeta, Road, VehicleClass};
 use crate::schema::{Column, Schema, TableSchema};
 use crate::slot::SLOTS;
 

@@ -4,17 +4,18 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
-use gnp_data::{Explanation, Forecast, Mode, WindowKey};
+use gnp_data::{Explanation, Forecast, Mode, TermForces, WindowKey};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 
 use crate::error::{EvalError, PredictionProblem};
-use crate::predictions::schema::{EXPLAINING, explained};
+use crate::predictions::schema::{Part, TERMS, sources_in_file};
 use crate::predictions::{Prediction, Predictions};
 
 mod columns;
 
-use columns::{Columns, GroupRows};
+use columns::{Columns, Explained, GroupRows};
 
 /// Longest path that is believed, steps: beyond it a step number is taken for a mistake.
 const MAX_STEPS: i64 = 100_000;
@@ -92,14 +93,15 @@ fn read(file: File, detail: Detail) -> Result<(Provenance, Vec<Prediction>), Fai
     let reader = SerializedFileReader::new(file)?;
     let metadata = reader.metadata().file_metadata();
     let key_values = metadata.key_value_metadata().into_iter().flatten();
-    let provenance = key_values.filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?))).collect();
-    let columns = Columns::find(metadata.schema_descr(), detail)?;
+    let provenance: Provenance = key_values.filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?))).collect();
+    let terms = provenance.get(TERMS).and_then(|text| serde_json::from_str(text).ok());
+    let columns = Columns::find(metadata.schema_descr(), terms, detail)?;
     let mut content = Content::default();
     for group in 0..reader.num_row_groups() {
         let rows = columns.read(reader.get_row_group(group)?.as_ref(), content.rows.len() as u64)?;
         content.add(rows)?;
     }
-    Ok((provenance, content.predictions()?))
+    Ok((provenance, content.predictions(&columns.explained)?))
 }
 
 /// All rows of a file.
@@ -108,16 +110,18 @@ struct Content {
     scenes: Vec<String>,
     index: BTreeMap<String, u32>,
     rows: Vec<Row>,
-    explanations: Vec<[f32; EXPLAINING]>,
+    /// The explaining numbers of each row that has some.
+    explanations: Vec<f32>,
+    explained: u32,
 }
 
 impl Content {
     fn add(&mut self, group: GroupRows) -> Result<(), PredictionProblem> {
         for i in 0..group.len() {
             let scene = self.scene(group.scene(i)?);
-            let explanation = group.explanation(i).map(|values| {
-                self.explanations.push(values);
-                (self.explanations.len() - 1) as u32
+            let explanation = group.explanation(i, &mut self.explanations).then(|| {
+                self.explained += 1;
+                self.explained - 1
             });
             self.rows.push(Row {
                 scene,
@@ -150,17 +154,17 @@ impl Content {
         scene
     }
 
-    fn predictions(mut self) -> Result<Vec<Prediction>, PredictionProblem> {
+    fn predictions(mut self, explained: &Explained) -> Result<Vec<Prediction>, PredictionProblem> {
         if self.rows.is_empty() {
             return Err(PredictionProblem::Empty);
         }
         self.rows.sort_unstable_by_key(|row| (row.scene, row.vehicle, row.t0, row.mode, row.step, row.row));
         let windows = self.rows.chunk_by(|a, b| (a.scene, a.vehicle, a.t0) == (b.scene, b.vehicle, b.t0));
-        windows.map(|rows| self.prediction(rows)).collect()
+        windows.map(|rows| self.prediction(rows, explained)).collect()
     }
 
     /// The prediction made of the rows of one window, sorted by mode and step.
-    fn prediction(&self, rows: &[Row]) -> Result<Prediction, PredictionProblem> {
+    fn prediction(&self, rows: &[Row], explained: &Explained) -> Result<Prediction, PredictionProblem> {
         let first = &rows[0];
         let key = WindowKey {
             recording: self.scenes[first.scene as usize].clone(),
@@ -168,14 +172,14 @@ impl Content {
             segment: first.segment,
             t0: first.t0,
         };
-        let modes = rows.chunk_by(|a, b| a.mode == b.mode).map(|rows| self.mode(&key, rows));
+        let modes = rows.chunk_by(|a, b| a.mode == b.mode).map(|rows| self.mode(&key, rows, explained));
         let mut modes = modes.collect::<Result<Vec<_>, _>>()?;
         modes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
         Ok(Prediction { key, origin: first.origin, forecast: Forecast { modes } })
     }
 
     /// The mode made of its rows, sorted by step.
-    fn mode(&self, window: &WindowKey, rows: &[Row]) -> Result<Mode, PredictionProblem> {
+    fn mode(&self, window: &WindowKey, rows: &[Row], explained: &Explained) -> Result<Mode, PredictionProblem> {
         let fail = |row: &Row, problem| PredictionProblem::Rows {
             window: window.clone(),
             mode: row.mode,
@@ -193,11 +197,44 @@ impl Content {
                 return Err(fail(row, problem));
             }
         }
-        let steps = rows.iter().map(|row| row.explanation.map(|i| explained(&self.explanations[i as usize])));
-        let explanation = steps
-            .collect::<Option<Vec<_>>>()
-            .map(|steps| Explanation { goal: steps[0].0, steps: steps.into_iter().map(|(_, step)| step).collect() });
-        Ok(Mode { probability, path: rows.iter().map(|row| row.at).collect(), explanation })
+        let path = rows.iter().map(|row| row.at).collect();
+        Ok(Mode { probability, path, explanation: self.explanation(rows, explained) })
+    }
+
+    /// What explains a mode, if every row of it is explained: the terms that have a number in every row.
+    fn explanation(&self, rows: &[Row], explained: &Explained) -> Option<Explanation> {
+        let width = explained.columns.len();
+        let row = |row: &Row| {
+            let at = row.explanation? as usize * width;
+            self.explanations.get(at..at + width)
+        };
+        let steps = rows.iter().map(row).collect::<Option<Vec<_>>>().filter(|_| width > 0)?;
+        let parts: Vec<Part> = explained.columns.iter().map(|column| column.part).collect();
+        // The numbers of a part over the steps; the columns of a term follow its sources and axes in order.
+        let of = |wanted: &dyn Fn(Part) -> bool| -> Vec<f32> {
+            let columns: Vec<usize> = (0..width).filter(|i| wanted(parts[*i])).collect();
+            steps.iter().flat_map(|values| columns.iter().map(|i| values[*i])).collect()
+        };
+        let pairs = |values: Vec<f32>| -> Vec<[f32; 2]> { values.chunks_exact(2).map(|p| [p[0], p[1]]).collect() };
+        let mut terms = Vec::new();
+        for (term, descriptor) in explained.terms.iter().enumerate() {
+            if of(&|part| part.term() == Some(term)).iter().any(|value| value.is_nan()) {
+                continue;
+            }
+            let totals = pairs(of(&|part| matches!(part, Part::Total { term: t, .. } if t == term)));
+            let sources = sources_in_file(descriptor.arity);
+            let forces = match sources {
+                1 => totals.clone(),
+                _ => pairs(of(&|part| matches!(part, Part::Source { term: t, .. } if t == term))),
+            };
+            let parameter = |i: usize| {
+                of(&|part| matches!(part, Part::Parameter { term: t, index, .. } if t == term && index == i))
+            };
+            let parameters = (0..descriptor.varying().count()).map(parameter).collect();
+            terms.push(TermForces::new(Arc::clone(descriptor), sources, forces, parameters).with_totals(totals));
+        }
+        let goal = of(&|part| matches!(part, Part::Goal { .. }));
+        (!terms.is_empty()).then(|| Explanation { goal: [goal[0], goal[1]], terms })
     }
 }
 

@@ -1,17 +1,22 @@
-//! The columns of a prediction file, their types and units.
+//! The one table of the columns of a prediction file: the writer, the reader and the documentation come from it.
+//!
+//! Columns that explain a step are made from the descriptors of the terms of the force. Those of the published terms have
+//! plain names (`tau`, `k_preceding`); those of any other term carry its name.
 
 use std::sync::Arc;
 
-use gnp_data::{Dataset, Explanation, SLOTS, Slot, StepForces};
+use gnp_data::{Dataset, SLOTS, Slot, TermForces, WindowKey};
+use gnp_force::{Arity, TermDescriptor};
 use parquet::basic::{ConvertedType, Repetition, Type as PhysicalType};
+use parquet::data_type::ByteArray;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::schema::types::{Type, TypePtr};
 
 /// Name and version of the schema in a file's key-value metadata.
 const SCHEMA: &str = "gnp-predictions 1";
-/// Columns that explain a step: goal, forces, relaxation time, strengths.
-pub(super) const EXPLAINING: usize = 2 + 6 + 2 * SLOTS + 1 + SLOTS;
+/// The key of the metadata under which the descriptors of the terms stand, as JSON.
+pub(super) const TERMS: &str = "terms";
 
 /// One column of a prediction file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,7 +26,7 @@ pub struct ColumnInfo {
     /// Type: `text`, `whole number` or `number` (single precision).
     pub kind: &'static str,
     /// Unit; empty where there is none.
-    pub unit: &'static str,
+    pub unit: String,
     /// Whether a file that is to be scored must have it.
     pub required: bool,
     /// What it holds.
@@ -43,92 +48,231 @@ pub struct Provenance {
     pub uses_future: bool,
 }
 
-/// The schema of a prediction file, in the order of its columns. Columns that are not required may
-/// be missing or hold nulls; forces are accelerations.
-#[must_use]
-pub fn prediction_columns() -> Vec<ColumnInfo> {
-    let column = |name: &str, kind, unit, required, meaning: &str| ColumnInfo {
-        name: name.to_owned(),
-        kind,
-        unit,
-        required,
-        meaning: meaning.to_owned(),
-    };
-    let (text, whole, number) = ("text", "whole number", "number");
-    let mut columns = vec![
-        column("scene", text, "", true, "name of the recording (`recording` is read as well)"),
-        column("vehicle", whole, "", true, "vehicle of the recording"),
-        column("segment", whole, "", false, "gap-free stretch of that vehicle, from 0"),
-        column("t0", whole, "frame", true, "frame number of the last observed frame"),
-        column("mode", whole, "", true, "number of the mode, any distinct numbers"),
-        column("probability", number, "", true, "of the mode, the same in all its rows; sums to 1 in a window"),
-        column("step", whole, "", true, "predicted frame, from 1"),
-        column("t_s", number, "s", false, "time after the last observed frame"),
-        column("x", number, "m", true, "centre, forward from the last observed centre"),
-        column("y", number, "m", true, "centre, to the left of the last observed centre"),
-        column("origin_x", number, "m", false, "last observed centre in the road frame, forward"),
-        column("origin_y", number, "m", false, "last observed centre in the road frame, to the left"),
-    ];
-    columns.extend(explaining_columns());
-    columns
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Text,
+    Whole,
+    Number,
 }
 
-/// The columns that [`explaining_values`] fills, in its order.
-fn explaining_columns() -> Vec<ColumnInfo> {
-    let mut columns = Vec::with_capacity(EXPLAINING);
-    let mut add = |name: String, unit, meaning: String| {
-        columns.push(ColumnInfo { name, kind: "number", unit, required: false, meaning });
-    };
-    for (axis, way) in [("x", "forward"), ("y", "to the left")] {
-        add(format!("goal_{axis}"), "m", format!("goal of the mode, window frame, {way}"));
-    }
-    let whole = [
-        ("goal", "attraction of the goal"),
-        ("neighbours", "repulsion of all neighbours"),
-        ("lines", "repulsion of all lane lines"),
-    ];
-    let slots =
-        Slot::ALL.map(|slot| (slot_name(slot), format!("repulsion of the neighbour in slot {}", slot_name(slot))));
-    for (part, meaning) in whole.map(|(part, meaning)| (part, meaning.to_owned())).into_iter().chain(slots) {
-        for (axis, way) in [("x", "forward"), ("y", "to the left")] {
-            add(format!("force_{part}_{axis}"), "m/s2", format!("{meaning}, {way}"));
+impl Kind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Text => "text",
+            Self::Whole => "whole number",
+            Self::Number => "number",
         }
     }
-    add("tau".to_owned(), "s", "relaxation time".to_owned());
-    for slot in Slot::ALL {
-        let name = slot_name(slot);
-        add(format!("k_{name}"), "m/s2", format!("strength of the neighbour in slot {name}; 0 where nobody is"));
+}
+
+/// A column that every row has a value in.
+pub(super) struct Column {
+    pub(super) name: &'static str,
+    /// Another name under which it is read.
+    pub(super) also: Option<&'static str>,
+    pub(super) kind: Kind,
+    unit: &'static str,
+    pub(super) required: bool,
+    /// Whether a reader wants it.
+    pub(super) read: bool,
+    meaning: &'static str,
+    /// What the writer puts there.
+    pub(super) cell: fn(&Row<'_>) -> Cell,
+}
+
+/// One predicted step of one mode of one window, as it is written.
+pub(super) struct Row<'a> {
+    pub(super) scene: &'a ByteArray,
+    pub(super) key: &'a WindowKey,
+    /// Number of the mode, from 0.
+    pub(super) mode: usize,
+    pub(super) probability: f32,
+    /// Predicted frame, from 1.
+    pub(super) step: usize,
+    pub(super) t_s: f32,
+    pub(super) at: [f32; 2],
+    pub(super) origin: [f32; 2],
+}
+
+/// A value of a column.
+pub(super) enum Cell {
+    Text(ByteArray),
+    Whole(u32),
+    Number(f32),
+}
+
+/// The columns that every row has a value in, in the order of the file.
+pub(super) static COLUMNS: [Column; 12] = {
+    const fn column(
+        name: &'static str,
+        kind: Kind,
+        unit: &'static str,
+        meaning: &'static str,
+        cell: fn(&Row<'_>) -> Cell,
+    ) -> Column {
+        Column { name, also: None, kind, unit, required: true, read: true, meaning, cell }
+    }
+    /// A column that a foreign file may lack.
+    const fn optional(column: Column) -> Column {
+        Column { required: false, ..column }
+    }
+    use Kind::{Number, Text, Whole};
+    let scene = column("scene", Text, "", "name of the recording (`recording` is read as well)", |row| {
+        Cell::Text(row.scene.clone())
+    });
+    let t_s = column("t_s", Number, "s", "time after the last observed frame", |row| Cell::Number(row.t_s));
+    let forward = "last observed centre in the road frame, forward";
+    let left = "last observed centre in the road frame, to the left";
+    let share = "of the mode, the same in all its rows; sums to 1 in a window";
+    [
+        Column { also: Some("recording"), ..scene },
+        column("vehicle", Whole, "", "vehicle of the recording", |row| Cell::Whole(row.key.vehicle)),
+        optional(column("segment", Whole, "", "gap-free stretch of that vehicle, from 0", |row| {
+            Cell::Whole(u32::from(row.key.segment))
+        })),
+        column("t0", Whole, "frame", "frame number of the last observed frame", |row| Cell::Whole(row.key.t0)),
+        column("mode", Whole, "", "number of the mode, any distinct numbers", |row| Cell::Whole(row.mode as u32)),
+        column("probability", Number, "", share, |row| Cell::Number(row.probability)),
+        column("step", Whole, "", "predicted frame, from 1", |row| Cell::Whole(row.step as u32)),
+        Column { required: false, read: false, ..t_s },
+        column("x", Number, "m", "centre, forward from the last observed centre", |row| Cell::Number(row.at[0])),
+        column("y", Number, "m", "centre, to the left of the last observed centre", |row| Cell::Number(row.at[1])),
+        optional(column("origin_x", Number, "m", forward, |row| Cell::Number(row.origin[0]))),
+        optional(column("origin_y", Number, "m", left, |row| Cell::Number(row.origin[1]))),
+    ]
+};
+
+/// A column that explains a step; null where there is nothing to explain, or where the term does not act.
+pub(super) struct Explaining {
+    pub(super) info: ColumnInfo,
+    pub(super) part: Part,
+}
+
+/// The number of a step's explanation that stands in a column; terms are counted as in the list the columns are made from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Part {
+    Goal { axis: usize },
+    Total { term: usize, axis: usize },
+    Source { term: usize, slot: usize, axis: usize },
+    Parameter { term: usize, index: usize, slot: usize },
+}
+
+impl Part {
+    /// The term it belongs to; none for the goal.
+    pub(super) fn term(self) -> Option<usize> {
+        match self {
+            Self::Goal { .. } => None,
+            Self::Total { term, .. } | Self::Source { term, .. } | Self::Parameter { term, .. } => Some(term),
+        }
+    }
+
+    /// The number in a step, for a goal and the terms that act.
+    pub(super) fn value(self, goal: [f32; 2], terms: &[Option<&TermForces>], step: usize) -> Option<f32> {
+        let of = |term: usize| terms.get(term).copied().flatten().filter(|term| step < term.totals().len());
+        match self {
+            Self::Goal { axis } => Some(goal[axis]),
+            Self::Total { term, axis } => of(term).map(|term| term.total(step)[axis]),
+            Self::Source { term, slot, axis } => {
+                of(term).map(|term| term.forces(step).get(slot).map_or(0., |force| force[axis]))
+            }
+            Self::Parameter { term, index, slot } => {
+                of(term).map(|term| term.parameter(index, step).get(slot).copied().unwrap_or(0.))
+            }
+        }
+    }
+}
+
+/// The terms whose columns every file has: those of the published force.
+pub(super) fn published() -> Vec<Arc<TermDescriptor>> {
+    gnp_force::terms::<f32>().map(|term| Arc::new(term.descriptor().clone())).to_vec()
+}
+
+/// The columns that explain a step by these terms: the goal, the sum of each term, single sources, parameters. Single lane
+/// lines differ in number from road to road and have no column.
+pub(super) fn explaining(terms: &[Arc<TermDescriptor>]) -> Vec<Explaining> {
+    let published = published();
+    let mut columns = Vec::new();
+    let mut add = |name: String, unit: &str, meaning: String, part| {
+        let unit = unit.replace('²', "2").replace('⁴', "4");
+        columns.push(Explaining { info: ColumnInfo { name, kind: "number", unit, required: false, meaning }, part });
+    };
+    let ways = [("x", "forward"), ("y", "to the left")];
+    for (axis, (letter, way)) in ways.into_iter().enumerate() {
+        let meaning = format!("goal of the mode, window frame, {way}");
+        add(format!("goal_{letter}"), "m", meaning, Part::Goal { axis });
+    }
+    // Columns of another term start with its name, so that one called like a slot meets no other.
+    let own = |of: &TermDescriptor| published.iter().all(|term| term.name != of.name);
+    let prefix = |of: &TermDescriptor| if own(of) { format!("{}_", of.name) } else { String::new() };
+    for (term, of) in terms.iter().enumerate() {
+        let name = if own(of) { format!("{}_force", of.name) } else { format!("force_{}", of.name) };
+        for (axis, (letter, way)) in ways.into_iter().enumerate() {
+            let meaning = format!("{}, {way}", of.meaning);
+            add(format!("{name}_{letter}"), &of.unit, meaning, Part::Total { term, axis });
+        }
+    }
+    for (term, of) in terms.iter().enumerate().filter(|(_, of)| of.arity == Arity::PerNeighbour) {
+        for slot in Slot::ALL {
+            for (axis, (letter, way)) in ways.into_iter().enumerate() {
+                let name = format!("{}force_{}_{letter}", prefix(of), slot_name(slot));
+                let meaning = format!("{}: only that in slot {}, {way}", of.meaning, slot_name(slot));
+                add(name, &of.unit, meaning, Part::Source { term, slot: slot as usize, axis });
+            }
+        }
+    }
+    for (term, of) in terms.iter().enumerate() {
+        for (index, parameter) in of.varying().enumerate() {
+            let name = format!("{}{}", prefix(of), parameter.name);
+            match of.arity {
+                Arity::One => {
+                    let meaning = parameter.meaning.to_string();
+                    add(name, &parameter.unit, meaning, Part::Parameter { term, index, slot: 0 });
+                }
+                Arity::PerNeighbour => {
+                    for slot in Slot::ALL {
+                        let meaning = format!(
+                            "{} of the neighbour in slot {}; 0 in an empty slot",
+                            parameter.meaning,
+                            slot_name(slot)
+                        );
+                        let part = Part::Parameter { term, index, slot: slot as usize };
+                        add(format!("{name}_{}", slot_name(slot)), &parameter.unit, meaning, part);
+                    }
+                }
+                Arity::PerLine => {}
+            }
+        }
     }
     columns
 }
 
-/// A step's explanation as the numbers of its columns. Strengths of single lane lines differ in
-/// number from road to road and have no column.
-pub(super) fn explaining_values(goal: [f32; 2], step: &StepForces) -> impl Iterator<Item = f32> {
-    let forces = [step.goal, step.neighbours, step.lines].into_iter().chain(step.by_slot);
-    std::iter::once(goal).chain(forces).flatten().chain([step.tau]).chain(step.k_slots)
+/// Sources of a term that have columns, and so come back from a file.
+pub(super) fn sources_in_file(arity: Arity) -> usize {
+    match arity {
+        Arity::One => 1,
+        Arity::PerNeighbour => SLOTS,
+        Arity::PerLine => 0,
+    }
 }
 
-/// The goal and the step that [`explaining_values`] gave these numbers for.
-pub(super) fn explained(values: &[f32; EXPLAINING]) -> ([f32; 2], StepForces) {
-    let pair = |i: usize| [values[2 * i], values[2 * i + 1]];
-    let tau = 2 * (4 + SLOTS);
-    let step = StepForces {
-        goal: pair(1),
-        neighbours: pair(2),
-        lines: pair(3),
-        by_slot: std::array::from_fn(|slot| pair(4 + slot)),
-        tau: values[tau],
-        k_slots: std::array::from_fn(|slot| values[tau + 1 + slot]),
-        k_lines: Vec::new(),
-    };
-    (pair(0), step)
+/// The schema of a prediction file with the published terms of the force, in the order of its columns. Columns that are
+/// not required may be missing or hold nulls; forces are accelerations. Another term adds columns of its own: `NAME_force_x`
+/// and `_y`, by slot `NAME_force_SLOT_x`, and for its parameters `NAME_PARAMETER`.
+#[must_use]
+pub fn prediction_columns() -> Vec<ColumnInfo> {
+    all_columns(&published())
 }
 
-/// The numbers of step `j` of a mode, if it is explained.
-pub(super) fn explanation_of(explanation: Option<&Explanation>, j: usize) -> Option<impl Iterator<Item = f32>> {
-    let explanation = explanation?;
-    Some(explaining_values(explanation.goal, explanation.steps.get(j)?))
+fn all_columns(terms: &[Arc<TermDescriptor>]) -> Vec<ColumnInfo> {
+    let always = COLUMNS.iter().map(|column| ColumnInfo {
+        name: column.name.to_owned(),
+        kind: column.kind.name(),
+        unit: column.unit.to_owned(),
+        required: column.required,
+        meaning: column.meaning.to_owned(),
+    });
+    always.chain(explaining(terms).into_iter().map(|column| column.info)).collect()
 }
 
 fn slot_name(slot: Slot) -> &'static str {
@@ -145,31 +289,31 @@ fn slot_name(slot: Slot) -> &'static str {
 }
 
 /// The schema in Parquet's types.
-pub(super) fn parquet_schema() -> Result<TypePtr, ParquetError> {
-    let field = |column: ColumnInfo| {
-        let builder = match column.kind {
-            "text" => Type::primitive_type_builder(&column.name, PhysicalType::BYTE_ARRAY)
-                .with_converted_type(ConvertedType::UTF8),
-            "whole number" => Type::primitive_type_builder(&column.name, PhysicalType::INT32)
-                .with_converted_type(ConvertedType::UINT_32),
-            _ => Type::primitive_type_builder(&column.name, PhysicalType::FLOAT),
+pub(super) fn parquet_schema(explaining: &[Explaining]) -> Result<TypePtr, ParquetError> {
+    let field = |name: &str, kind: Kind, repetition: Repetition| {
+        let builder = match kind {
+            Kind::Text => {
+                Type::primitive_type_builder(name, PhysicalType::BYTE_ARRAY).with_converted_type(ConvertedType::UTF8)
+            }
+            Kind::Whole => {
+                Type::primitive_type_builder(name, PhysicalType::INT32).with_converted_type(ConvertedType::UINT_32)
+            }
+            Kind::Number => Type::primitive_type_builder(name, PhysicalType::FLOAT),
         };
-        let explains = column.name.starts_with("goal_")
-            || column.name.starts_with("force_")
-            || column.name.starts_with("k_")
-            || column.name == "tau";
-        let repetition = if explains { Repetition::OPTIONAL } else { Repetition::REQUIRED };
         Ok(Arc::new(builder.with_repetition(repetition).build()?))
     };
-    let fields = prediction_columns().into_iter().map(field).collect::<Result<Vec<_>, ParquetError>>()?;
+    let always = COLUMNS.iter().map(|column| field(column.name, column.kind, Repetition::REQUIRED));
+    let explaining = explaining.iter().map(|column| field(&column.info.name, Kind::Number, Repetition::OPTIONAL));
+    let fields = always.chain(explaining).collect::<Result<Vec<_>, ParquetError>>()?;
     Ok(Arc::new(Type::group_type_builder("predictions").with_fields(fields).build()?))
 }
 
 impl Provenance {
-    /// The file's key-value metadata: the provenance, the frame and the unit of every column.
-    pub(super) fn key_values(&self) -> Vec<KeyValue> {
-        let units = prediction_columns().into_iter().filter(|column| !column.unit.is_empty());
+    /// The file's key-value metadata: the provenance, the frame, the terms and the unit of every column.
+    pub(super) fn key_values(&self, terms: &[Arc<TermDescriptor>]) -> Vec<KeyValue> {
+        let units = all_columns(terms).into_iter().filter(|column| !column.unit.is_empty());
         let units: Vec<String> = units.map(|column| format!("{} {}", column.name, column.unit)).collect();
+        let described: Vec<&TermDescriptor> = terms.iter().map(AsRef::as_ref).collect();
         let pairs = [
             ("schema", SCHEMA.to_owned()),
             ("model", self.model.clone()),
@@ -179,6 +323,7 @@ impl Provenance {
             ("uses_future", self.uses_future.to_string()),
             ("frame", "x forward, y to the left, origin at the last observed centre of the box".to_owned()),
             ("units", units.join(", ")),
+            (TERMS, serde_json::to_string(&described).unwrap_or_default()),
         ];
         pairs.into_iter().map(|(key, value)| KeyValue::new(key.to_owned(), value)).collect()
     }
@@ -188,21 +333,20 @@ impl Provenance {
 mod tests {
     use super::*;
 
+    /// Names that files had before there were descriptors, and that others read.
     #[test]
-    fn explanations_fill_their_columns_in_order() {
-        let names: Vec<String> = explaining_columns().into_iter().map(|column| column.name).collect();
-        assert_eq!(names.len(), EXPLAINING);
-        let values: [f32; EXPLAINING] = std::array::from_fn(|i| i as f32);
-        let (goal, step) = explained(&values);
-        let back: Vec<f32> = explaining_values(goal, &step).collect();
-        assert_eq!(back, values);
-        let at = |name: &str| values[names.iter().position(|n| n == name).unwrap()];
-        assert_eq!(goal, [at("goal_x"), at("goal_y")]);
-        assert_eq!(step.lines, [at("force_lines_x"), at("force_lines_y")]);
-        let alongside = Slot::RightAlongside as usize;
-        assert_eq!(step.by_slot[alongside], [at("force_right_alongside_x"), at("force_right_alongside_y")]);
-        assert_eq!(step.tau, at("tau"));
-        assert_eq!(step.k_slots[Slot::LeftFollowing as usize], at("k_left_following"));
+    fn the_published_terms_keep_their_columns() {
+        let names: Vec<String> = explaining(&published()).into_iter().map(|column| column.info.name).collect();
+        let slots = Slot::ALL.map(slot_name);
+        let xy = |part: String| [format!("{part}_x"), format!("{part}_y")];
+        let mut expected: Vec<String> = ["goal", "force_goal", "force_neighbours", "force_lines"]
+            .into_iter()
+            .flat_map(|part| xy(part.to_owned()))
+            .collect();
+        expected.extend(slots.into_iter().flat_map(|slot| xy(format!("force_{slot}"))));
+        expected.push("tau".to_owned());
+        expected.extend(slots.map(|slot| format!("k_{slot}")));
+        assert_eq!(names, expected);
     }
 
     #[test]
@@ -210,6 +354,7 @@ mod tests {
         for column in prediction_columns() {
             let measured = ["x", "y", "t_s", "t0", "tau"].contains(&column.name.as_str()) || column.name.contains('_');
             assert_eq!(!column.unit.is_empty(), measured, "{}", column.name);
+            assert!(column.unit.is_ascii(), "{}", column.unit);
         }
     }
 }

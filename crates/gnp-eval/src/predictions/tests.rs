@@ -4,7 +4,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gnp_data::{Dataset, Explanation, Mode, StepForces};
+use gnp_data::{Dataset, Explanation, Mode, TermForces};
+use gnp_force::{Arity, TermDescriptor, TermParameter};
 use parquet::basic::Type as PhysicalType;
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
 use parquet::file::properties::WriterProperties;
@@ -25,24 +26,25 @@ fn provenance() -> Provenance {
 
 /// A mode of `steps` steps whose every number differs.
 fn mode(probability: f32, steps: usize, start: f32, explained: bool) -> Mode {
-    let step = |j: usize| {
-        let base = start + 100. * j as f32;
-        StepForces {
-            goal: [base + 0.1, base + 0.2],
-            neighbours: [base + 0.3, base + 0.4],
-            lines: [base + 0.5, base + 0.6],
-            by_slot: std::array::from_fn(|slot| [base + slot as f32, base - slot as f32]),
-            tau: base + 0.7,
-            k_slots: std::array::from_fn(|slot| base + 10. * slot as f32),
-            k_lines: Vec::new(),
-        }
-    };
     Mode {
         probability,
         path: (0..steps).map(|j| [start + j as f32 / 3., -start - j as f32]).collect(),
-        explanation: explained
-            .then(|| Explanation { goal: [start, 2. * start], steps: (0..steps).map(step).collect() }),
+        explanation: explained.then(|| explanation(steps, start, &schema::published())),
     }
+}
+
+/// These terms with a sum that is not that of the sources, so that it must come from the file; lane lines as a file has them.
+fn explanation(steps: usize, start: f32, terms: &[Arc<TermDescriptor>]) -> Explanation {
+    let term = |(i, term): (usize, &Arc<TermDescriptor>)| {
+        let base = |j: usize| start + 100. * j as f32 + i as f32;
+        let sources = schema::sources_in_file(term.arity);
+        let entries = || (0..steps).flat_map(|j| (0..sources).map(move |slot| base(j) + 10. * slot as f32));
+        let forces = entries().map(|value| [value, -value]).collect();
+        let parameters = (0..term.varying().count()).map(|p| entries().map(|value| value + 0.1 * p as f32).collect());
+        let totals = (0..steps).map(|j| if sources == 1 { [base(j), -base(j)] } else { [base(j), 0.5] }).collect();
+        TermForces::new(Arc::clone(term), sources, forces, parameters.collect()).with_totals(totals)
+    };
+    Explanation { goal: [start, 2. * start], terms: terms.iter().enumerate().map(term).collect() }
 }
 
 fn samples(explained: bool) -> Vec<Prediction> {
@@ -93,6 +95,60 @@ fn predictions_come_back_as_they_were() {
         assert!(read.provenance()["units"].contains("x m,"));
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
+}
+
+/// Terms that this crate does not know, one of one source and one of every slot.
+fn made_up() -> Vec<Arc<TermDescriptor>> {
+    let drag = TermDescriptor::new("drag", Arity::One, "#7a5195").means("drag", "drag of the air");
+    let parameters = vec![TermParameter::varying("gap", "m", "gap"), TermParameter::constant("c", "1/s", "a constant")];
+    let following = TermDescriptor::new("following", Arity::PerNeighbour, "#7a5195").with(parameters);
+    vec![Arc::new(drag), Arc::new(following)]
+}
+
+#[test]
+fn terms_of_ones_own_have_columns_and_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    let terms = [schema::published(), made_up()].concat();
+    let mut written = sorted(samples(false));
+    // The first mode of all explains nothing, so that rows were there before the columns were settled.
+    written[1].forecast.modes[1].explanation = Some(explanation(5, 2.5, &terms));
+    write(&path, &written);
+    let read = read_predictions(&path, Detail::Explanations).unwrap();
+    assert_eq!(read.iter().cloned().collect::<Vec<_>>(), written);
+    let parquet = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+    let schema = parquet.metadata().file_metadata().schema_descr();
+    let found: Vec<String> = schema.columns().iter().map(|column| column.path().string()).collect();
+    for name in
+        ["drag_force_x", "following_force_y", "following_force_preceding_x", "following_gap_right_following", "tau"]
+    {
+        assert!(found.iter().any(|column| column == name), "{name} in {found:?}");
+    }
+    assert!(read.provenance()["units"].contains("following_gap_preceding m,"));
+}
+
+/// A term that does not act has nulls, and does not come back.
+#[test]
+fn a_term_that_does_not_act_is_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    let mut written = sorted(samples(false));
+    written[0].forecast.modes[0].explanation = Some(explanation(5, 1., &schema::published()[..1]));
+    write(&path, &written);
+    let read = read_predictions(&path, Detail::Explanations).unwrap();
+    assert_eq!(read.iter().cloned().collect::<Vec<_>>(), written);
+}
+
+#[test]
+fn a_term_that_comes_too_late_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = PredictionWriter::create(&folder.path().join("predictions.parquet"), &provenance()).unwrap();
+    let forecast = |terms: &[Arc<TermDescriptor>]| Forecast {
+        modes: vec![Mode { probability: 1., path: vec![[1., 2.]], explanation: Some(explanation(1, 1., terms)) }],
+    };
+    writer.write(&key("a", 1, 1), [0., 0.], &forecast(&schema::published())).unwrap();
+    let error = writer.write(&key("a", 2, 1), [0., 0.], &forecast(&made_up())).unwrap_err();
+    assert!(matches!(&error, EvalError::Term { term, .. } if term == "drag"), "{error}");
 }
 
 #[test]

@@ -4,41 +4,77 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gnp_data::{Forecast, WindowKey};
+use gnp_data::{Explanation, Forecast, WindowKey};
 use gnp_file::NamedTempFile;
+use gnp_force::TermDescriptor;
 use parquet::basic::Compression;
-use parquet::data_type::{ByteArray, ByteArrayType, FloatType, Int32Type};
+use parquet::data_type::{ByteArray, ByteArrayType, DataType, FloatType, Int32Type};
 use parquet::errors::ParquetError;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 
 use crate::error::EvalError;
-use crate::predictions::schema::{EXPLAINING, Provenance, explanation_of, parquet_schema};
+use crate::predictions::schema::{
+    COLUMNS, Cell, Explaining, Kind, Provenance, Row, explaining, parquet_schema, published,
+};
 
 /// Rows held in memory before they are written, about 12 MB.
 const GROUP_ROWS: usize = 1 << 16;
 
 /// Writes predictions window by window. Memory does not grow with their number, and the file
 /// appears under its name only when it is [finished](PredictionWriter::finish).
+///
+/// The columns are those of the published terms of the force and of any other that explains the first explained forecast.
 pub struct PredictionWriter {
     path: PathBuf,
     file: NamedTempFile,
-    parquet: SerializedFileWriter<File>,
-    dt: f64,
+    provenance: Provenance,
+    /// Once the columns are settled.
+    columns: Option<Columns>,
+    /// From the first group of rows on.
+    parquet: Option<SerializedFileWriter<File>>,
     rows: Rows,
+}
+
+/// The columns of the file that explain a step.
+struct Columns {
+    terms: Vec<Arc<TermDescriptor>>,
+    explaining: Vec<Explaining>,
+}
+
+impl Columns {
+    fn of(explanation: Option<&Explanation>) -> Self {
+        let mut terms = published();
+        for term in explanation.into_iter().flat_map(|explanation| &explanation.terms) {
+            if terms.iter().all(|known| known.name != term.term().name) {
+                terms.push(Arc::new(term.term().clone()));
+            }
+        }
+        let explaining = explaining(&terms);
+        Self { terms, explaining }
+    }
 }
 
 /// Rows not yet written, by column.
 #[derive(Default)]
 struct Rows {
-    scene: Vec<ByteArray>,
-    /// vehicle, segment, t0, mode, step.
-    whole: [Vec<i32>; 5],
-    /// probability, t_s, x, y, origin_x, origin_y.
-    number: [Vec<f32>; 6],
-    explaining: Vec<Vec<f32>>,
-    /// 1 where a row is explained.
-    explained: Vec<i16>,
+    count: usize,
+    always: Vec<Values>,
+    explaining: Vec<Nullable>,
+}
+
+/// Values of a column.
+enum Values {
+    Text(Vec<ByteArray>),
+    Whole(Vec<i32>),
+    Number(Vec<f32>),
+}
+
+/// Values of a column with nulls, and 1 for each row that has one.
+#[derive(Clone, Default)]
+struct Nullable {
+    values: Vec<f32>,
+    levels: Vec<i16>,
 }
 
 impl PredictionWriter {
@@ -47,47 +83,55 @@ impl PredictionWriter {
     /// # Errors
     /// When the folder cannot be written to.
     pub fn create(path: &Path, provenance: &Provenance) -> Result<Self, EvalError> {
-        let io = |source| EvalError::Io { path: path.into(), source };
-        let parquet = |source| EvalError::Parquet { path: path.into(), source };
-        let file = gnp_file::beside(path).map_err(io)?;
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::SNAPPY)
-            .set_key_value_metadata(Some(provenance.key_values()))
-            .build();
-        let schema = parquet_schema().map_err(parquet)?;
-        let handle = file.reopen().map_err(io)?;
-        let parquet = SerializedFileWriter::new(handle, schema, Arc::new(properties)).map_err(parquet)?;
-        Ok(Self { path: path.into(), file, parquet, dt: 1. / provenance.rate_hz, rows: Rows::new() })
+        let file = gnp_file::beside(path).map_err(|source| EvalError::Io { path: path.into(), source })?;
+        let (provenance, rows) = (provenance.clone(), Rows::new());
+        Ok(Self { path: path.into(), file, provenance, columns: None, parquet: None, rows })
     }
 
     /// Adds one window's forecast; `origin` is the window's origin in the road frame, m.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// When the file cannot be written, or a force of the forecast has no column because those explained before had no such
+    /// term.
     pub fn write(&mut self, key: &WindowKey, origin: [f32; 2], forecast: &Forecast) -> Result<(), EvalError> {
         let scene = ByteArray::from(key.recording.as_bytes().to_vec());
+        let dt = 1. / self.provenance.rate_hz;
         for (number, mode) in forecast.modes.iter().enumerate() {
-            for (j, [x, y]) in mode.path.iter().enumerate() {
-                let rows = &mut self.rows;
-                rows.scene.push(scene.clone());
-                // Parquet keeps unsigned numbers as the signed ones of the same bits.
-                let whole = [key.vehicle, u32::from(key.segment), key.t0, number as u32, j as u32 + 1];
-                for (column, value) in rows.whole.iter_mut().zip(whole) {
-                    column.push(value as i32);
+            let explanation = mode.explanation.as_ref();
+            if explanation.is_some() && self.columns.is_none() {
+                self.settle(explanation);
+            }
+            let columns = self.columns.as_ref();
+            let terms: Vec<_> = match (columns, explanation) {
+                (Some(columns), Some(explanation)) => {
+                    let unknown = |name: &str| columns.terms.iter().all(|known| known.name != name);
+                    if let Some(term) = explanation.terms.iter().find(|term| unknown(&term.term().name)) {
+                        return Err(EvalError::Term { path: self.path.clone(), term: term.term().name.to_string() });
+                    }
+                    columns.terms.iter().map(|known| explanation.term(&known.name)).collect()
                 }
-                let t_s = ((j + 1) as f64 * self.dt) as f32;
-                let numbers = [mode.probability, t_s, *x, *y, origin[0], origin[1]];
-                for (column, value) in rows.number.iter_mut().zip(numbers) {
-                    column.push(value);
-                }
-                let explanation = explanation_of(mode.explanation.as_ref(), j);
-                rows.explained.push(i16::from(explanation.is_some()));
-                for (column, value) in rows.explaining.iter_mut().zip(explanation.into_iter().flatten()) {
-                    column.push(value);
+                _ => Vec::new(),
+            };
+            for (j, at) in mode.path.iter().enumerate() {
+                let row = Row {
+                    scene: &scene,
+                    key,
+                    mode: number,
+                    probability: mode.probability,
+                    step: j + 1,
+                    t_s: ((j + 1) as f64 * dt) as f32,
+                    at: *at,
+                    origin,
+                };
+                let explained = explanation.filter(|explanation| j < explanation.steps());
+                self.rows.push(&row);
+                for (values, column) in self.rows.explaining.iter_mut().zip(columns.iter().flat_map(|c| &c.explaining))
+                {
+                    values.push(explained.and_then(|explanation| column.part.value(explanation.goal, &terms, j)));
                 }
             }
         }
-        if self.rows.scene.len() >= GROUP_ROWS { self.flush() } else { Ok(()) }
+        if self.rows.count >= GROUP_ROWS { self.flush() } else { Ok(()) }
     }
 
     /// Writes what is left and gives the file its name.
@@ -96,65 +140,111 @@ impl PredictionWriter {
     /// When the file cannot be written or renamed.
     pub fn finish(mut self) -> Result<(), EvalError> {
         self.flush()?;
-        self.parquet.close().map_err(|source| EvalError::Parquet { path: self.path.clone(), source })?;
+        let parquet = self.open()?;
+        parquet.close().map_err(|source| EvalError::Parquet { path: self.path.clone(), source })?;
         self.file.persist(&self.path).map_err(|error| EvalError::Io { path: self.path, source: error.error })?;
         Ok(())
     }
 
+    /// Chooses the columns; the rows so far explain nothing.
+    fn settle(&mut self, explanation: Option<&Explanation>) -> &Columns {
+        let rows = &mut self.rows;
+        self.columns.get_or_insert_with(|| {
+            let columns = Columns::of(explanation);
+            let nulls = Nullable { values: Vec::new(), levels: vec![0; rows.count] };
+            rows.explaining = vec![nulls; columns.explaining.len()];
+            columns
+        })
+    }
+
+    /// The file, begun if it is not.
+    fn open(&mut self) -> Result<SerializedFileWriter<File>, EvalError> {
+        if let Some(parquet) = self.parquet.take() {
+            return Ok(parquet);
+        }
+        let handle = self.file.reopen().map_err(|source| EvalError::Io { path: self.path.clone(), source })?;
+        let provenance = self.provenance.clone();
+        let columns = self.settle(None);
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::SNAPPY)
+            .set_key_value_metadata(Some(provenance.key_values(&columns.terms)))
+            .build();
+        let begin = || SerializedFileWriter::new(handle, parquet_schema(&columns.explaining)?, Arc::new(properties));
+        begin().map_err(|source| EvalError::Parquet { path: self.path.clone(), source })
+    }
+
     fn flush(&mut self) -> Result<(), EvalError> {
-        if self.rows.scene.is_empty() {
+        if self.rows.count == 0 {
             return Ok(());
         }
-        let rows = std::mem::replace(&mut self.rows, Rows::new());
+        let mut parquet = self.open()?;
         let mut write = || {
-            let mut group = self.parquet.next_row_group()?;
-            rows.write(&mut group)?;
+            let mut group = parquet.next_row_group()?;
+            self.rows.write(&mut group)?;
             group.close()
         };
-        write().map(drop).map_err(|source: ParquetError| EvalError::Parquet { path: self.path.clone(), source })
+        write().map(drop).map_err(|source: ParquetError| EvalError::Parquet { path: self.path.clone(), source })?;
+        let columns = self.rows.explaining.len();
+        self.rows = Rows { explaining: vec![Nullable::default(); columns], ..Rows::new() };
+        self.parquet = Some(parquet);
+        Ok(())
     }
 }
 
 impl Rows {
     fn new() -> Self {
-        Self { explaining: vec![Vec::new(); EXPLAINING], ..Self::default() }
+        let values = |kind| match kind {
+            Kind::Text => Values::Text(Vec::new()),
+            Kind::Whole => Values::Whole(Vec::new()),
+            Kind::Number => Values::Number(Vec::new()),
+        };
+        Self { always: COLUMNS.iter().map(|column| values(column.kind)).collect(), ..Self::default() }
+    }
+
+    /// A row, apart from what explains it.
+    fn push(&mut self, row: &Row<'_>) {
+        self.count += 1;
+        for (values, column) in self.always.iter_mut().zip(&COLUMNS) {
+            match (values, (column.cell)(row)) {
+                (Values::Text(values), Cell::Text(value)) => values.push(value),
+                // Parquet keeps unsigned numbers as the signed ones of the same bits.
+                (Values::Whole(values), Cell::Whole(value)) => values.push(value as i32),
+                (Values::Number(values), Cell::Number(value)) => values.push(value),
+                // A cell of another kind than its column: Parquet refuses a column that is too short.
+                _ => {}
+            }
+        }
     }
 
     /// Columns in the order of the schema.
     fn write(&self, group: &mut SerializedRowGroupWriter<'_, File>) -> Result<(), ParquetError> {
-        let [vehicle, segment, t0, mode, step] = &self.whole;
-        let [probability, t_s, x, y, origin_x, origin_y] = &self.number;
-        if let Some(mut column) = group.next_column()? {
-            column.typed::<ByteArrayType>().write_batch(&self.scene, None, None)?;
-            column.close()?;
+        for values in &self.always {
+            match values {
+                Values::Text(values) => write_column::<ByteArrayType>(group, values, None)?,
+                Values::Whole(values) => write_column::<Int32Type>(group, values, None)?,
+                Values::Number(values) => write_column::<FloatType>(group, values, None)?,
+            }
         }
-        for values in [vehicle, segment, t0, mode] {
-            write_whole(group, values)?;
-        }
-        write_numbers(group, probability, None)?;
-        write_whole(group, step)?;
-        for values in [t_s, x, y, origin_x, origin_y] {
-            write_numbers(group, values, None)?;
-        }
-        for values in &self.explaining {
-            write_numbers(group, values, Some(&self.explained))?;
+        for Nullable { values, levels } in &self.explaining {
+            write_column::<FloatType>(group, values, Some(levels))?;
         }
         Ok(())
     }
 }
 
-fn write_whole(group: &mut SerializedRowGroupWriter<'_, File>, values: &[i32]) -> Result<(), ParquetError> {
-    let Some(mut column) = group.next_column()? else { return Ok(()) };
-    column.typed::<Int32Type>().write_batch(values, None, None)?;
-    column.close()
+impl Nullable {
+    fn push(&mut self, value: Option<f32>) {
+        self.levels.push(i16::from(value.is_some()));
+        self.values.extend(value);
+    }
 }
 
-fn write_numbers(
+fn write_column<D: DataType>(
     group: &mut SerializedRowGroupWriter<'_, File>,
-    values: &[f32],
+    values: &[D::T],
     present: Option<&[i16]>,
 ) -> Result<(), ParquetError> {
     let Some(mut column) = group.next_column()? else { return Ok(()) };
-    column.typed::<FloatType>().write_batch(values, present, None)?;
+    column.typed::<D>().write_batch(values, present, None)?;
     column.close()
 }

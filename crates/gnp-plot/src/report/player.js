@@ -9,7 +9,9 @@
   const [road, chart, slider, tip, status] = ["road", "chart", "time", "tip", "status"].map(byId);
   const pen = road.getContext("2d");
   const plot = chart.getContext("2d");
-  const COLOURS = { goal: "#f5c400", neighbours: "#0072b2", lines: "#000000", target: "#d55e00", others: "#32cd32" };
+  const COLOURS = { target: "#d55e00", others: "#32cd32", neighbours: "#0072b2" };
+  // What is said of a force stands in its term; a parameter knows its place among all of a step's.
+  const parameters = data.terms.flatMap((t) => t.parameters);
   // Colours that differ between light and dark stand in the style sheet.
   let look = {};
   const readLook = () => {
@@ -30,7 +32,7 @@
   });
   for (const f of data.forecasts) vehicles[f.vehicle].forecasts.push(f);
   // px for 1 m/s²: a force that only one step in 20 exceeds is 40 px long.
-  const sizes = data.forecasts.flatMap((f) => f.steps.map((s) => Math.hypot(...s.goal))).sort((a, b) => a - b);
+  const sizes = data.forecasts.flatMap((f) => f.steps.map((s) => Math.max(...s.forces.map((f) => Math.hypot(...f)), 0))).sort((a, b) => a - b);
   const pxPerForce = 40 / Math.max(sizes[Math.floor(sizes.length * 0.95)] || 1, 0.01);
   const force = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((f) => f * pxPerForce > 25) || 10;
   for (const v of vehicles) v.forecasts.sort((a, b) => a.frame - b.frame);
@@ -91,13 +93,18 @@
     if (fill) { pen.fillStyle = fill; pen.fillRect(px(x) - w / 2, py(y) - h / 2, w, h); }
     pen.strokeStyle = rim; pen.lineWidth = 1; pen.strokeRect(px(x) - w / 2, py(y) - h / 2, w, h); pen.setLineDash([]);
   };
+  // Light colours have a dark rim, dark ones a white one.
+  const rim = (colour) => {
+    const [r, g, b] = [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b > 140 ? `rgb(${r * 0.43} ${g * 0.43} ${b * 0.43})` : "#ffffff";
+  };
   const arrow = ([x, y], [fx, fy], colour) => {
     const [dx, dy] = [fx * pxPerForce, -fy * pxPerForce], length = Math.hypot(dx, dy);
     if (length < 2) return;
     const [ux, uy, head] = [dx / length, dy / length, Math.min(length, 8)];
     const [x0, y0, tx, ty] = [px(x), py(y), px(x) + dx, py(y) + dy];
     const [nx, ny] = [tx - ux * head, ty - uy * head];
-    for (const [style, width] of [[colour === COLOURS.goal ? "#6b5300" : "#ffffff", 4.5], [colour, 2.5]]) {
+    for (const [style, width] of [[rim(colour), 4.5], [colour, 2.5]]) {
       pen.strokeStyle = style; pen.lineWidth = width;
       pen.beginPath(); pen.moveTo(x0, y0); pen.lineTo(nx, ny); pen.stroke();
     }
@@ -141,7 +148,7 @@
       if (step > 0.01) box(picked, ghost, null, COLOURS.target, [3, 2]);
       if (state.forces) {
         const s = forecast.steps[Math.min(Math.floor(step), forecast.steps.length - 1)];
-        for (const part of ["lines", "neighbours", "goal"]) arrow(ghost, s[part], COLOURS[part]);
+        if (s) for (let i = data.terms.length - 1; i >= 0; i -= 1) arrow(ghost, s.forces[i], data.terms[i].colour);
       }
     }
     pen.font = "12px system-ui, sans-serif"; pen.fillStyle = look.ink;
@@ -161,14 +168,14 @@
     for (const key of ["forces", "modes", "neighbours"]) byId(key).setAttribute("aria-pressed", state[key]);
   };
 
-  // tau and the strengths of the neighbours over the horizon of the forecast shown.
+  // The parameters of the terms over the horizon of the forecast shown.
   const drawChart = (forecast) => {
     const [w, h] = fit(chart, plot);
     plot.font = "11px system-ui, sans-serif"; plot.fillStyle = look.ink;
-    if (!forecast) { plot.fillText("τ and k over the forecast of the picked vehicle", 10, 16); return; }
+    if (!forecast) { plot.fillText(`${parameters.map((p) => p.name).join(" and ")} over the forecast of the picked vehicle`, 10, 16); return; }
     // Beside each other, or below each other where there is little room.
-    const narrow = w < 560, legend = 100, steps = forecast.steps, end = data.horizon;
-    const [wide, high] = narrow ? [w - legend, h / 2] : [(w - legend) / 2, h];
+    const narrow = w < 560, legend = 100, steps = forecast.steps, end = data.horizon, count = Math.max(parameters.length, 1);
+    const [wide, high] = narrow ? [w - legend, h / count] : [(w - legend) / count, h];
     const panel = (left, upper, title, curves) => {
       const top = Math.max(...curves.flatMap((c) => c.values), 1e-3) * 1.1;
       const X = (s) => left + 42 + (s / end) * (wide - 60), Y = (v) => upper + high - 22 - (v / top) * (high - 44);
@@ -185,12 +192,19 @@
       const now = Math.min((state.frame - forecast.frame) / data.rate, end);
       plot.strokeStyle = COLOURS.target; plot.beginPath(); plot.moveTo(X(now), Y(0)); plot.lineTo(X(now), Y(top)); plot.stroke();
     };
-    panel(0, 0, "relaxation time τ (s)", [{ values: steps.map((s) => s.tau), colour: "#c99c00", dash: [] }]);
     const colours = ["#0072b2", "#56b4e9", "#009e73", "#e69f00", "#cc79a7", "#d55e00", "#7f7f7f", "#a6761d"];
     const present = SLOTS.map((_, i) => i).filter((i) => forecast.neighbours[i] !== -2);
-    panel(narrow ? 0 : wide, narrow ? high : 0, "strength k of the neighbours (m/s²)", present.length ? present.map((i) => ({ values: steps.map((s) => s.k[i]), colour: colours[i], dash: i % 2 ? [5, 3] : [] })) : [{ values: [0], colour: "#777", dash: [] }]);
+    const drawn = parameters.map((p, i) => {
+      const { colour } = data.terms.find((t) => t.parameters.includes(p)), dark = rim(colour), single = dark === "#ffffff" ? colour : dark;
+      if (!p.slots) return [{ values: steps.map((s) => s.parameters[i][0]), colour: single, dash: [] }];
+      if (!present.length) return [{ values: [0], colour: "#777", dash: [] }];
+      return present.map((slot) => ({ values: steps.map((s) => s.parameters[i][slot]), colour: colours[slot], dash: slot % 2 ? [5, 3] : [] }));
+    });
+    parameters.forEach((p, i) => panel(narrow ? 0 : wide * i, narrow ? high * i : 0, `${p.title} ${p.name} (${p.unit})`, drawn[i]));
+    const bySlot = parameters.findIndex((p) => p.slots);
+    if (bySlot < 0) return;
     present.forEach((i, n) => {
-      const y = (narrow ? high : 0) + 30 + 13 * n;
+      const y = (narrow ? high * bySlot : 0) + 30 + 13 * n;
       plot.beginPath(); plot.moveTo(w - legend - 8, y - 4); plot.lineTo(w - legend + 10, y - 4);
       plot.strokeStyle = colours[i]; plot.lineWidth = 2.4; plot.setLineDash(i % 2 ? [5, 3] : []); plot.stroke(); plot.setLineDash([]);
       plot.fillStyle = look.ink; plot.fillText(SLOTS[i], w - legend + 14, y);
@@ -231,18 +245,30 @@
       return place && Math.abs(px(place[0]) - mx) <= Math.max(cm(v.size[0]) * view.sx / 2, 6) && Math.abs(py(place[1]) - my) <= Math.max(cm(v.size[1]) * view.sy / 2, 6);
     });
   };
-  const show = (vector) => `${vector[0].toFixed(2)} forward, ${vector[1].toFixed(2)} left m/s²`;
+  const show = (vector, unit) => `${vector[0].toFixed(2)} forward, ${vector[1].toFixed(2)} left ${unit}`;
   const describe = (index) => {
     const v = vehicles[index], place = at(v, state.frame), f = forecastOf(v, state.frame);
     const lines = [`vehicle ${v.id}, ${v.class}, ${cm(v.size[0]).toFixed(1)} by ${cm(v.size[1]).toFixed(1)} m`, `x ${place[0].toFixed(1)} m, y ${place[1].toFixed(2)} m, ${speed(v, state.frame).toFixed(1)} m/s`];
     if (f) {
       const s = f.steps[Math.min(Math.floor((state.frame - f.frame) / data.rate / data.every), f.steps.length - 1)];
-      lines.push(`goal ${show(s.goal)}`, `neighbours ${show(s.neighbours)}`, `lane lines ${show(s.lines)}`, `τ ${s.tau.toFixed(2)} s`);
-      f.neighbours.forEach((n, i) => n !== -2 && lines.push(`k ${SLOTS[i]} ${s.k[i].toFixed(3)} m/s²`));
+      if (s) {
+        data.terms.forEach((t, i) => lines.push(`${t.label} ${show(s.forces[i], t.unit)}`));
+        parameters.forEach((p, i) => {
+          if (!p.slots) lines.push(`${p.name} ${s.parameters[i][0].toFixed(2)} ${p.unit}`);
+          else f.neighbours.forEach((n, slot) => n !== -2 && lines.push(`${p.name} ${SLOTS[slot]} ${s.parameters[i][slot].toFixed(3)} ${p.unit}`));
+        });
+      }
     }
     return lines.join("\n");
   };
 
+  // Under the player: each force in its colour.
+  byId("terms").replaceChildren(...data.terms.flatMap((t, i) => {
+    const swatch = document.createElement("span");
+    swatch.textContent = "■";
+    swatch.style.color = t.colour;
+    return [i ? ", " : " (", swatch, ` ${t.label}`];
+  }), data.terms.length ? ")" : "");
   byId("play").addEventListener("click", play);
   for (const key of ["forces", "modes", "neighbours"]) byId(key).addEventListener("click", () => toggle(key));
   byId("next").addEventListener("click", () => pickNext(1));

@@ -1,6 +1,7 @@
 //! A clip as JSON for the player's script. Lengths are whole cm, so that they are short as text.
 
-use gnp_data::{Mode, StepForces};
+use gnp_data::{Explanation, Mode, SLOTS, TermForces};
+use gnp_force::{Arity, TermDescriptor};
 use serde_json::{Value, json};
 
 use crate::clip::{Clip, ClipForecast, ClipNeighbour, ClipVehicle, class_name, is_boundary};
@@ -23,6 +24,8 @@ pub(super) fn json(clip: &Clip) -> Value {
         "observed": clip.observed_s,
         "horizon": clip.predicted_s,
         "every": every as f64 * f64::from(clip.forecast_step) / clip.rate_hz,
+        // The terms of the force, in the order of every step's.
+        "terms": clip.terms().into_iter().map(term).collect::<Vec<_>>(),
         "lines": clip.lines.iter()
             .map(|line| json!({ "y": centimetres(line.y), "boundary": is_boundary(line) }))
             .collect::<Vec<_>>(),
@@ -54,26 +57,53 @@ fn forecast(clip: &Clip, vehicle: usize, made: &ClipForecast, every: usize) -> V
         ClipNeighbour::Outside => -1,
         ClipNeighbour::Empty => -2,
     };
-    let steps = made.modes.first().and_then(|mode| mode.explanation.as_ref()).map(|e| e.steps.as_slice());
+    let explanation = made.modes.first().and_then(|mode| mode.explanation.as_ref());
+    let terms = clip.terms();
+    let steps = explanation.into_iter().flat_map(|explanation| {
+        (0..explanation.steps()).step_by(every).map(|i| step(&terms, explanation, i)).collect::<Vec<_>>()
+    });
     json!({
         "vehicle": vehicle,
         "frame": clip.shown(made.frame),
         "at": made.history.last().copied().unwrap_or_default().map(centimetres),
         "neighbours": made.neighbours.map(slot),
         "modes": made.modes.iter().map(mode).collect::<Vec<_>>(),
-        "steps": steps.unwrap_or_default().iter().step_by(every).map(step).collect::<Vec<_>>(),
+        "steps": steps.collect::<Vec<_>>(),
     })
 }
 
-/// Forces of a step in m/s², and their parameters.
-fn step(step: &StepForces) -> Value {
+/// A term of the force: how it is called and drawn, and its parameters that are plotted over time. Those of lane lines
+/// differ in number from road to road and are not.
+fn term(term: &TermDescriptor) -> Value {
+    let plotted = term.varying().filter(|_| term.arity != Arity::PerLine);
+    let parameters = plotted.map(|parameter| {
+        json!({
+            "name": parameter.name,
+            "title": parameter.meaning,
+            "unit": parameter.unit,
+            // Whether each neighbour slot has its own.
+            "slots": term.arity == Arity::PerNeighbour,
+        })
+    });
     json!({
-        "goal": step.goal.map(short),
-        "neighbours": step.neighbours.map(short),
-        "lines": step.lines.map(short),
-        "tau": short(step.tau),
-        "k": step.k_slots.map(short),
+        "label": term.label,
+        "unit": term.unit,
+        "colour": term.colour,
+        "parameters": parameters.collect::<Vec<_>>(),
     })
+}
+
+/// The force of each term in a step, and the values of all plotted parameters in the order of the terms; 0 where a term does
+/// not act.
+fn step(terms: &[&TermDescriptor], explanation: &Explanation, step: usize) -> Value {
+    let acting: Vec<Option<&TermForces>> = terms.iter().map(|term| explanation.term(&term.name)).collect();
+    let forces = acting.iter().map(|forces| forces.map_or([0.; 2], |forces| forces.total(step)).map(short));
+    let plotted = terms.iter().zip(&acting).filter(|(term, _)| term.arity != Arity::PerLine);
+    let parameters = plotted.flat_map(|(term, forces)| {
+        let values = move |i: usize| forces.map_or(&[0.; SLOTS][..], |forces| forces.parameter(i, step));
+        (0..term.varying().count()).map(move |i| values(i).iter().map(|value| short(*value)).collect::<Vec<_>>())
+    });
+    json!({ "forces": forces.collect::<Vec<_>>(), "parameters": parameters.collect::<Vec<_>>() })
 }
 
 fn centimetres(metres: f32) -> i32 {

@@ -1,6 +1,9 @@
 //! A clip whose numbers are all different.
 
-use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS, StepForces, VehicleClass};
+use std::sync::Arc;
+
+use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS, TermForces, VehicleClass};
+use gnp_force::term;
 use gnp_plot::{Clip, ClipForecast, ClipNeighbour, ClipVehicle, TimedState};
 
 /// The car.
@@ -54,7 +57,7 @@ fn forecast(frame: u32, [x, y]: [f32; 2], modes: usize) -> ClipForecast {
     let mode = |i: usize| Mode {
         probability: [0.5, 0.3, 0.2][i],
         path: (1..=PREDICTED).map(|j| [j as f32, 0.1 * j as f32 * (1. + i as f32)]).collect(),
-        explanation: Some(Explanation { goal: [7., 0.7], steps: (0..PREDICTED).map(step).collect() }),
+        explanation: Some(explanation()),
     };
     ClipForecast {
         frame,
@@ -64,15 +67,22 @@ fn forecast(frame: u32, [x, y]: [f32; 2], modes: usize) -> ClipForecast {
     }
 }
 
-fn step(j: usize) -> StepForces {
-    let j = j as f32;
-    StepForces {
-        goal: [1. + j, 0.25],
-        neighbours: [-0.5, 0.125 * j],
-        lines: [0., -0.75],
-        by_slot: [[0.; 2]; 8],
-        tau: 0.5 + 0.1 * j,
-        k_slots: std::array::from_fn(|slot| 10. * slot as f32 + j),
-        k_lines: vec![3. + j, 4. + j, 5. + j],
-    }
+/// Three terms with their parameters by step.
+fn explanation() -> Explanation {
+    let steps = 0..PREDICTED;
+    let each = |of: fn(f32) -> [f32; 2]| steps.clone().map(|j| of(j as f32)).collect::<Vec<_>>();
+    let values = |sources: usize, of: fn(f32, f32) -> f32| {
+        steps.clone().flat_map(|j| (0..sources).map(move |i| of(j as f32, i as f32))).collect::<Vec<_>>()
+    };
+    let term = |name: &str, sources: usize, totals: Vec<[f32; 2]>, parameter: Vec<f32>| {
+        let descriptor = Arc::new(term::<f32>(name).unwrap().descriptor().clone());
+        let forces = totals.iter().flat_map(|total| vec![*total; sources]).collect();
+        TermForces::new(descriptor, sources, forces, vec![parameter]).with_totals(totals)
+    };
+    let terms = vec![
+        term("goal", 1, each(|j| [1. + j, 0.25]), values(1, |j, _| 0.5 + 0.1 * j)),
+        term("neighbours", 8, each(|j| [-0.5, 0.125 * j]), values(8, |j, slot| 10. * slot + j)),
+        term("lines", 3, each(|_| [0., -0.75]), values(3, |j, line| 3. + line + j)),
+    ];
+    Explanation { goal: [7., 0.7], terms }
 }

@@ -157,12 +157,12 @@ fn boxes_paths_and_forces_stand_where_the_clip_has_them() {
 #[test]
 fn scalars_have_names_and_values() {
     let held = read(&encode(&clip(), PICKED).unwrap());
-    let tau = column::<Scalar>(&held.recording, "/scalars/7/tau", &Scalars::descriptor_scalars());
+    let tau = column::<Scalar>(&held.recording, "/scalars/7/goal/tau", &Scalars::descriptor_scalars());
     assert_eq!(tau.len(), 7);
     assert!((tau[&at(115)][0].0.0 - 0.8).abs() < 1e-6, "{tau:?}");
-    let k = column::<Scalar>(&held.recording, "/scalars/7/k", &Scalars::descriptor_scalars());
+    let k = column::<Scalar>(&held.recording, "/scalars/7/neighbours/k", &Scalars::descriptor_scalars());
     assert_eq!(k[&at(105)][7], Scalar::from(71.));
-    let names = column::<Name>(&held.recording, "/scalars/7/k", &SeriesLines::descriptor_names());
+    let names = column::<Name>(&held.recording, "/scalars/7/neighbours/k", &SeriesLines::descriptor_names());
     assert_eq!((names[&0].len(), &names[&0][4]), (8, &Name::from("left behind")));
 }
 
@@ -178,7 +178,7 @@ fn the_layout_is_active_and_shows_the_picked_vehicle() {
         let queries = chunk.component_batch::<QueryExpression>(ViewContents::descriptor_query().component, 0);
         contents.extend(queries.into_iter().flat_map(|queries| queries.unwrap()).map(|query| query.0.to_string()));
     }
-    for part in ["speed", "tau", "k", "k_lines", "probability"] {
+    for part in ["speed", "goal/tau", "neighbours/k", "lines/k", "probability"] {
         assert!(origins.contains(&format!("/scalars/7/{part}")), "{origins:?}");
     }
     assert!(contents.contains(&"+ /forecasts/7/**".to_owned()), "{contents:?}");

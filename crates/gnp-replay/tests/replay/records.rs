@@ -32,7 +32,7 @@ fn every_part_of_the_clip_has_its_entity() {
         for part in ["forces/goal", "forces/lines", "forces/neighbours", "futures", "history"] {
             expected.push(format!("/forecasts/{id}/{part}"));
         }
-        for part in ["k", "k_lines", "probability", "speed", "tau"] {
+        for part in ["goal/tau", "lines/k", "neighbours/k", "probability", "speed"] {
             expected.push(format!("/scalars/{id}/{part}"));
         }
     }
@@ -154,17 +154,17 @@ fn a_force_starts_where_the_vehicle_is_before_its_step() {
 
 #[test]
 fn scalars_are_those_of_the_latest_forecast() {
-    let tau = scalars(&rows_of(&clip(), "/scalars/7/tau"));
+    let tau = scalars(&rows_of(&clip(), "/scalars/7/goal/tau"));
     // Four steps of the forecast at 100, then three of that at 120, until the car is last seen.
     assert_eq!(tau.iter().map(|(frame, _)| *frame).collect::<Vec<_>>(), [100, 105, 110, 115, 120, 125, 130]);
     for ((_, values), expected) in tau.iter().zip([0.5, 0.6, 0.7, 0.8, 0.5, 0.6, 0.7]) {
         assert!(values.len() == 1 && (values[0] - expected).abs() < 1e-6, "{tau:?}");
     }
-    let k = rows_of(&clip(), "/scalars/7/k");
+    let k = rows_of(&clip(), "/scalars/7/neighbours/k");
     let Row { frame: None, drawing: Drawing::Series(names) } = &k[0] else { panic!("{:?}", k[0]) };
     assert_eq!((names.len(), names[0].as_str(), names[5].as_str()), (8, "ahead", "right ahead"));
     assert_eq!(scalars(&k)[1], (105, vec![1., 11., 21., 31., 41., 51., 61., 71.]));
-    assert_eq!(scalars(&rows_of(&clip(), "/scalars/31/k_lines"))[0], (110, vec![3., 4., 5.]));
+    assert_eq!(scalars(&rows_of(&clip(), "/scalars/31/lines/k"))[0], (110, vec![3., 4., 5.]));
     let speed = scalars(&rows_of(&clip(), "/scalars/7/speed"));
     assert_eq!(speed.len(), 7);
     assert!((speed[3].1[0] - 8f32.hypot(0.5)).abs() < 1e-6);
@@ -178,6 +178,7 @@ fn simulated_data_is_called_so() {
     };
     let real = about(&clip());
     assert!(real.contains("us101-13") && real.contains("Vehicle 7") && !real.contains("simulated"), "{real}");
+    assert!(real.contains("attraction of the goal (#f5c400), repulsion of all neighbours"), "{real}");
     let mut made_up = clip();
     made_up.simulated = true;
     assert!(about(&made_up).contains("*simulated*"));

@@ -1,26 +1,36 @@
 //! The adjoint of one chunk's roll-out: from the gradient of its path to those of all weights.
 
-use gnp_force::nalgebra::{Point2, Vector2};
-use gnp_force::{goal_force_vjp, line_force_vjp, vehicle_force_vjp};
+use gnp_force::nalgebra::Vector2;
+use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, TermVjp, VehicleRepulsion};
 use gnp_nn::kernels::{Aligned, LINE, Rows, RowsMut, Scratch};
 
-use super::batch::Chunk;
-use super::forward::{Tape, line_features, neighbour_features, state_of, trained};
+use super::batch::{Chunk, Pair};
+use super::forward::{Tape, learned, line_features, neighbour_features, state_of, trained};
 use super::head::HeadAdjoint;
 use super::history_encoder::HistoryAdjoint;
 use super::layout::{Gradient, Net, Packed};
 use super::mlp::{self, BLOCK, Workspace};
 use crate::Integrator;
 
+/// The gradient in what a chunk is given.
+#[derive(Debug)]
+pub(crate) struct InputGradient {
+    /// `[rows, 2]`
+    pub(crate) goals: Vec<f32>,
+    /// `[windows, t_obs, 4]`
+    pub(crate) observed: Vec<f32>,
+}
+
 /// Adds the weight gradients for the gradient `dpath` `[rows, steps, 2]` of the path of a chunk, which
-/// `tape` remembers; the tape is used up.
+/// `tape` remembers; the tape is used up. Returns the gradient in goals and observations where it is wanted.
 pub(crate) fn adjoint(
     chunk: &Chunk<'_>,
     net: &Net<Packed>,
     tape: &mut Tape,
     dpath: &[f32],
     gradient: &mut Net<Gradient>,
-) {
+    inputs: bool,
+) -> Option<InputGradient> {
     let mut back = Back::new(chunk, net, tape);
     for step in (0..chunk.batch.steps).rev() {
         let run = step / chunk.batch.period;
@@ -29,7 +39,7 @@ pub(crate) fn adjoint(
             back.networks(tape, step, run, gradient);
         }
     }
-    back.history(tape, gradient);
+    back.history(tape, gradient, inputs)
 }
 
 /// Gradients on their way back through the steps of one chunk.
@@ -38,6 +48,8 @@ struct Back<'a, 'b> {
     net: &'a Net<Packed>,
     /// Of the states `[rows, (position, velocity)]` before the step to undo next.
     dmotion: Vec<(Vector2<f32>, Vector2<f32>)>,
+    /// Of the goals by row, through the attraction.
+    dgoals: Vec<Vector2<f32>>,
     /// Of `tau` and of the shares of the largest strengths, since the networks last ran.
     dtau: Vec<f32>,
     dk: Vec<f32>,
@@ -65,13 +77,14 @@ struct Back<'a, 'b> {
 impl<'a, 'b> Back<'a, 'b> {
     fn new(chunk: &'a Chunk<'b>, net: &'a Net<Packed>, tape: &Tape) -> Self {
         let (rows, width, phase) = (chunk.rows(), net.history_encoders[0].out.outputs(), chunk.batch.phase);
-        let (neighbours, lines) = (chunk.neighbours.pairs.len(), chunk.lines.pairs.len());
+        let (neighbours, lines) = chunk.learned_pairs();
         let most = chunk.neighbours.occupied.len().max(lines);
         let history_encoder = |i: usize| tape.future[i].as_ref().filter(|_| trained(phase, i)).map(HistoryAdjoint::new);
         Self {
             chunk,
             net,
             dmotion: vec![(Vector2::zeros(), Vector2::zeros()); rows],
+            dgoals: vec![Vector2::zeros(); rows],
             dtau: vec![0.; rows],
             dk: vec![0.; neighbours],
             dk_line: vec![0.; lines],
@@ -95,44 +108,49 @@ impl<'a, 'b> Back<'a, 'b> {
     fn physics(&mut self, tape: &Tape, step: usize, run: usize, dpath: &[f32]) {
         let (chunk, batch) = (self.chunk, self.chunk.batch);
         let dt = batch.dt;
-        let left = (batch.steps - step) as f32 * dt;
         let motion = tape.motion.at(step);
         let mut dforces = Vec::with_capacity(chunk.rows());
         for (row, (dp, dv)) in self.dmotion.iter_mut().enumerate() {
             let at = 2 * (row * batch.steps + step);
             *dp += Vector2::new(dpath[at], dpath[at + 1]);
-            let dforce = match batch.integrator {
-                Integrator::Explicit => *dv * dt,
-                Integrator::SemiImplicit => (*dv + *dp * dt) * dt,
-            };
+            dforces.push(match batch.integrator {
+                Integrator::ExplicitEuler => *dv * dt,
+                _ => (*dv + *dp * dt) * dt,
+            });
             *dv += *dp * dt;
-            let (p, v) = state_of(motion, row);
-            let tau = batch.tau_max * tape.tau.value(run)[row] + dt;
-            let pull = goal_force_vjp(p, v, Point2::from(chunk.goal(row)), left, tau, dforce);
-            *dp += pull.position;
-            *dv += pull.velocity;
-            self.dtau[row] += pull.tau * batch.tau_max;
-            dforces.push(dforce);
         }
-        if let Some(k) = &tape.k {
-            let entries = chunk.neighbours.pairs.iter().zip(k.value(run)).zip(&mut self.dk);
-            for ((&(row, occupied), &share), dk) in entries {
-                let [x, y, ..] = chunk.neighbour(step, occupied);
-                let r = state_of(motion, row).0 - Point2::new(x, y);
-                let push = vehicle_force_vjp(r, batch.k_max * share, batch.r_col, dforces[row]);
-                self.dmotion[row].0 += push.r;
-                *dk += push.k * batch.k_max;
-            }
+        let mut undoing = Undoing { motion, dforces: &dforces, dmotion: &mut self.dmotion };
+        let (tau, k, k_line) = learned(chunk, tape, run);
+        let (dgoals, dtau) = (&mut self.dgoals, &mut self.dtau);
+        undoing.undo(&GoalAttraction, &chunk.sources(Arity::One, step), tau, |row, vjp, parameters| {
+            dgoals[row] += vjp.source_position;
+            dtau[row] += parameters[0] * batch.tau_max;
+        });
+        if tape.k.is_some() {
+            let dk = &mut self.dk;
+            undoing.undo(&VehicleRepulsion, &chunk.sources(Arity::PerNeighbour, step), k, |i, _, parameters| {
+                dk[i] += parameters[0] * batch.k_max;
+            });
         }
-        if let Some(k) = &tape.k_line {
-            let entries = chunk.lines.pairs.iter().zip(k.value(run)).zip(&mut self.dk_line);
-            for ((&(row, occupied), &share), dk) in entries {
-                let line = chunk.line(occupied);
-                let d = motion[4 * row + 1] - line.y;
-                let push = line_force_vjp(line.kind, d, batch.k_max_line * share, line.side, dforces[row].y);
-                self.dmotion[row].0.y += push.d;
-                *dk += push.k * batch.k_max_line;
-            }
+        if tape.k_line.is_some() {
+            let dk = &mut self.dk_line;
+            undoing.undo(&LineRepulsion, &chunk.sources(Arity::PerLine, step), k_line, |i, _, parameters| {
+                dk[i] += parameters[0] * batch.k_max_line;
+            });
+        }
+        for term in &batch.terms.fixed {
+            let arity = term.descriptor.arity;
+            undoing.undo(
+                &*term.law,
+                &chunk.sources(arity, step),
+                |_| &term.parameters,
+                |row, vjp, _| {
+                    // Goals come row by row; neighbours and lines ask for no gradient here.
+                    if arity == Arity::One {
+                        self.dgoals[row] += vjp.source_position;
+                    }
+                },
+            );
         }
     }
 
@@ -249,31 +267,99 @@ impl<'a, 'b> Back<'a, 'b> {
     }
 
     /// Undoes the observed frames and the encoder of goals.
-    fn history(mut self, tape: &mut Tape, gradient: &mut Net<Gradient>) {
-        let (net, batch) = (self.net, self.chunk.batch);
+    fn history(mut self, tape: &mut Tape, gradient: &mut Net<Gradient>, inputs: bool) -> Option<InputGradient> {
+        let (net, chunk, batch) = (self.net, self.chunk, self.chunk.batch);
+        let (frames, goals) = (batch.sizes.observed, batch.sizes.goals);
+        let mut dinputs = inputs.then(|| self.start());
+        let mut dstates = Aligned::zeros(if inputs { chunk.count() * LINE } else { 0 });
         for (i, history_encoder) in self.history_encoders.into_iter().enumerate() {
             let (Some(history_encoder), Some(history)) = (history_encoder, &mut tape.history[i]) else { continue };
-            let mut history_encoder = history_encoder.into_history(history, batch.sizes.goals);
+            let mut history_encoder = history_encoder.into_history(history, goals);
             for step in (0..batch.seen()).rev() {
                 let (steps, gradient) = ((step, batch.seen()), &mut gradient.history_encoders[i]);
+                let wanted = inputs.then_some(RowsMut { data: &mut dstates, stride: LINE });
                 history_encoder.step(
                     &net.history_encoders[i],
                     history,
                     steps,
                     &tape.seen,
-                    None,
+                    wanted,
                     gradient,
                     &mut self.scratch,
                 );
+                if let Some(dinputs) = &mut dinputs {
+                    for (window, d) in dstates.chunks_exact(LINE).enumerate() {
+                        let at = 4 * (window * frames + batch.frame(step));
+                        add_scaled(&mut dinputs.observed[at..at + 4], d, batch.scale);
+                    }
+                }
             }
         }
         if self.tau.is_some() {
+            let rows = chunk.rows();
             let mut work = Workspace::adjoint(&net.enc_goal, 2 * BLOCK);
             let (goals, dgoal) =
                 (Rows { data: &tape.goals, stride: LINE }, Rows { data: &self.dgoal, stride: self.width });
-            let (rows, sums) = (self.chunk.rows(), &mut gradient.enc_goal);
-            mlp::adjoint_alone(&net.enc_goal, &mut work, rows, goals, dgoal, None, sums, &mut self.scratch);
+            let mut dfeatures = Aligned::zeros(if inputs { rows * LINE } else { 0 });
+            let wanted = inputs.then_some(RowsMut { data: &mut dfeatures, stride: LINE });
+            let sums = &mut gradient.enc_goal;
+            mlp::adjoint_alone(&net.enc_goal, &mut work, rows, goals, dgoal, wanted, sums, &mut self.scratch);
+            if let Some(dinputs) = &mut dinputs {
+                for (dgoal, d) in dinputs.goals.chunks_exact_mut(2).zip(dfeatures.chunks_exact(LINE)) {
+                    add_scaled(dgoal, d, batch.scale);
+                }
+            }
         }
+        dinputs
+    }
+
+    /// The gradient in goals and observations without the networks': of the attraction, and of where the rows start.
+    fn start(&self) -> InputGradient {
+        let (frames, goals) = (self.chunk.batch.sizes.observed, self.chunk.batch.sizes.goals);
+        let mut observed = vec![0.; self.chunk.count() * frames * 4];
+        for (row, (dp, dv)) in self.dmotion.iter().enumerate() {
+            let at = 4 * ((row / goals + 1) * frames - 1);
+            add(&mut observed[at..at + 4], &[dp.x, dp.y, dv.x, dv.y]);
+        }
+        InputGradient { goals: self.dgoals.iter().flat_map(|d| [d.x, d.y]).collect(), observed }
+    }
+}
+
+/// A step while the gradients of its forces are undone, term by term.
+struct Undoing<'a> {
+    motion: &'a [f32],
+    dforces: &'a [Vector2<f32>],
+    dmotion: &'a mut [(Vector2<f32>, Vector2<f32>)],
+}
+
+impl Undoing<'_> {
+    /// A term with the parameters of each pair; `take` is given the rest of the gradient, with that of the parameters.
+    fn undo<L, P>(
+        &mut self,
+        law: &L,
+        pairs: &[Pair],
+        parameters: impl Fn(usize) -> P,
+        mut take: impl FnMut(usize, &TermVjp<f32>, &[f32]),
+    ) where
+        L: ForceTerm<f32> + ?Sized,
+        P: AsRef<[f32]>,
+    {
+        let mut dparameters = vec![0.; law.descriptor().parameters.len()];
+        for (i, &Pair { row, from, .. }) in pairs.iter().enumerate() {
+            let state = state_of(self.motion, row);
+            let vjp = law.vjp(&state, &from, parameters(i).as_ref(), self.dforces[row], &mut dparameters);
+            let (dp, dv) = &mut self.dmotion[row];
+            *dp += vjp.position;
+            *dv += vjp.velocity;
+            take(i, &vjp, &dparameters);
+        }
+    }
+}
+
+/// `sum += scale * x`, value by value, as long as `sum` is.
+fn add_scaled(sum: &mut [f32], x: &[f32], scale: [f32; 4]) {
+    for ((sum, x), scale) in sum.iter_mut().zip(x).zip(scale) {
+        *sum += x * scale;
     }
 }
 

@@ -1,19 +1,22 @@
-//! A scene as plain numbers, cut into chunks of windows.
+//! A batch as plain numbers, cut into chunks of windows.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use candle_core::{DType, Result, Tensor};
-use gnp_force::{LineKind, Side};
+use gnp_force::{Arity, Source, TermDescriptor};
 
 use super::layout::{HistoryEncoder, Net, Packed};
-use crate::scene::Sizes;
-use crate::{Integrator, NeighbourStates, Phase, Scene, TrajConfig};
+use crate::network::{SocialForce, Terms};
+use crate::roll_out::Sizes;
+use crate::terms::source;
+use crate::{Integrator, NeighbourStates, Phase, RollOutBatch};
 
 /// Windows that one thread carries through all steps. A fixed number, so that sums come in the same
 /// order on any number of threads; 8 to 32 take the same time within a few per cent.
 const WINDOWS: usize = 16;
 
-/// The whole scene.
+/// The whole batch.
 #[derive(Debug)]
 pub(crate) struct Batch {
     pub(crate) sizes: Sizes,
@@ -27,6 +30,7 @@ pub(crate) struct Batch {
     pub(crate) k_max: f32,
     pub(crate) k_max_line: f32,
     pub(crate) integrator: Integrator,
+    pub(crate) terms: Terms,
     /// Factors on `(x, y, vx, vy)` before they enter a network.
     pub(crate) scale: [f32; 4],
     observed: Vec<f32>,
@@ -38,17 +42,18 @@ pub(crate) struct Batch {
 }
 
 impl Batch {
-    /// Reads the tensors of a checked scene whose neighbours, if any act, are given.
-    pub(crate) fn new(cfg: &TrajConfig, scene: &Scene, sizes: Sizes, phase: Phase) -> Result<Self> {
+    /// Reads the tensors of a checked batch whose neighbours, if any act, are given.
+    pub(crate) fn new(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes, phase: Phase) -> Result<Self> {
+        let cfg = &network.cfg;
         let (mut states, mut present, mut lines, mut line_present) = (vec![], vec![], vec![], vec![]);
-        if let Some(neighbours) = scene.neighbours.as_ref().filter(|_| sizes.slots > 0) {
+        if let Some(neighbours) = batch.neighbours.as_ref().filter(|_| sizes.slots > 0) {
             match &neighbours.states {
                 NeighbourStates::Given(given) => states = values(given)?,
                 NeighbourStates::Joint { .. } => candle_core::bail!("joint neighbours are rolled out by the graph"),
             }
             present = values(&neighbours.present)?.into_iter().map(|v| v != 0.).collect();
         }
-        if let Some(given) = scene.lines.as_ref().filter(|_| sizes.lines > 0) {
+        if let Some(given) = batch.lines.as_ref().filter(|_| sizes.lines > 0) {
             lines = values(&given.lines)?;
             line_present = values(&given.present)?.into_iter().map(|v| v != 0.).collect();
         }
@@ -56,17 +61,18 @@ impl Batch {
         Ok(Self {
             sizes,
             phase,
-            steps: scene.steps,
+            steps: batch.steps,
             period: cfg.network_period,
-            dt: scene.dt as f32,
+            dt: batch.dt as f32,
             r_col: cfg.r_col as f32,
             tau_max: cfg.tau_max as f32,
             k_max: cfg.k_max as f32,
             k_max_line: cfg.k_max_line as f32,
             integrator: cfg.integrator,
+            terms: network.terms.clone(),
             scale: [position, position, velocity, velocity],
-            observed: values(&scene.observed)?,
-            goals: values(&scene.goals)?,
+            observed: values(&batch.observed)?,
+            goals: values(&batch.goals)?,
             states,
             present,
             lines,
@@ -94,6 +100,20 @@ impl Batch {
         let history_encoders: usize = net.history_encoders.iter().map(history_encoder).sum();
         let heads = head(&net.tau) + slots * head(&net.k) + lines * head(&net.k_line);
         WINDOWS * (self.seen() * history_encoders + goals * self.runs() * (history_encoders + heads))
+    }
+
+    /// The terms that act and how many sources each has, in the order in which they are added up.
+    pub(crate) fn acting(&self) -> Vec<(&Arc<TermDescriptor>, usize)> {
+        let Terms { goal, neighbours, lines, fixed } = &self.terms;
+        let learned = [(goal, true), (neighbours, self.sizes.k), (lines, self.sizes.k_line)];
+        let learned = learned.into_iter().filter(|(_, acts)| *acts).map(|(term, _)| term);
+        let all = learned.chain(fixed.iter().map(|term| &term.descriptor));
+        all.map(|term| (term, self.sizes.sources(term.arity))).filter(|(_, sources)| *sources > 0).collect()
+    }
+
+    /// The observed frame that is the `seen`-th one the networks see.
+    pub(crate) fn frame(&self, seen: usize) -> usize {
+        (self.sizes.observed - 1) % self.period + seen * self.period
     }
 
     /// Observed frames that the networks see.
@@ -150,6 +170,13 @@ impl<'a> Chunk<'a> {
         }
     }
 
+    /// Pairs of a row and a neighbour, and of a row and a line, whose strength the network sets.
+    pub(crate) fn learned_pairs(&self) -> (usize, usize) {
+        let Sizes { k, k_line, .. } = self.batch.sizes;
+        let count = |acts: bool, slots: &ActiveSlots| if acts { slots.pairs.len() } else { 0 };
+        (count(k, &self.neighbours), count(k_line, &self.lines))
+    }
+
     /// Number of windows.
     pub(crate) fn count(&self) -> usize {
         self.windows.len()
@@ -163,8 +190,7 @@ impl<'a> Chunk<'a> {
     /// The state of a window at the `seen`-th frame that the networks see.
     pub(crate) fn observed(&self, window: usize, seen: usize) -> [f32; 4] {
         let frames = self.batch.sizes.observed;
-        let frame = (frames - 1) % self.batch.period + seen * self.batch.period;
-        quad(&self.batch.observed, (self.windows.start + window) * frames + frame)
+        quad(&self.batch.observed, (self.windows.start + window) * frames + self.batch.frame(seen))
     }
 
     /// The goal of a row.
@@ -180,28 +206,43 @@ impl<'a> Chunk<'a> {
         quad(&self.batch.states, at * self.batch.sizes.slots + slot)
     }
 
-    /// A line that is there.
-    pub(crate) fn line(&self, occupied: usize) -> Line {
+    /// `(y, kind, side)` of a line that is there.
+    pub(crate) fn line(&self, occupied: usize) -> [f32; 3] {
         let (window, slot) = self.lines.occupied[occupied];
         let at = 3 * ((self.windows.start + window) * self.batch.sizes.lines + slot);
-        let kind = self.batch.lines[at + 1];
-        Line {
-            y: self.batch.lines[at],
-            feature: kind,
-            kind: if kind > 0.5 { LineKind::Boundary } else { LineKind::LaneDivider },
-            side: if self.batch.lines[at + 2] < 0. { Side::Right } else { Side::Left },
+        [self.batch.lines[at], self.batch.lines[at + 1], self.batch.lines[at + 2]]
+    }
+
+    /// What a term of that arity acts from in a step, by row and, of neighbours and lines, as in the pairs.
+    pub(crate) fn sources(&self, arity: Arity, step: usize) -> Vec<Pair> {
+        let time_left = (self.batch.steps - step) as f32 * self.batch.dt;
+        let pair =
+            |row, slot, values: &[f32]| source(arity, slot, values, time_left).map(|from| Pair { row, slot, from });
+        let of = |slots: &ActiveSlots, values: &dyn Fn(usize) -> ([f32; 4], usize)| {
+            let pairs = slots.pairs.iter().filter_map(|&(row, occupied)| {
+                let (values, width) = values(occupied);
+                pair(row, slots.occupied[occupied].1, &values[..width])
+            });
+            pairs.collect()
+        };
+        match arity {
+            Arity::One => (0..self.rows()).filter_map(|row| pair(row, 0, &self.goal(row))).collect(),
+            Arity::PerNeighbour => of(&self.neighbours, &|occupied| (self.neighbour(step, occupied), 4)),
+            Arity::PerLine => of(&self.lines, &|occupied| {
+                let [y, kind, side] = self.line(occupied);
+                ([y, kind, side, 0.], 3)
+            }),
         }
     }
 }
 
-/// A lane line.
+/// A row and what a term acts from on it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Line {
-    pub(crate) y: f32,
-    /// The kind as the network sees it.
-    pub(crate) feature: f32,
-    pub(crate) kind: LineKind,
-    pub(crate) side: Side,
+pub(crate) struct Pair {
+    pub(crate) row: usize,
+    /// Neighbour slot or entry of a line; 0 for the goal.
+    pub(crate) slot: usize,
+    pub(crate) from: Source<f32>,
 }
 
 fn quad(values: &[f32], index: usize) -> [f32; 4] {

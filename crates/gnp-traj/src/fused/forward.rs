@@ -1,10 +1,12 @@
 //! One chunk carried through all steps.
 
-use gnp_force::nalgebra::{Point2, Vector2};
-use gnp_force::{goal_force, line_force, vehicle_force};
+use std::sync::Arc;
+
+use gnp_force::nalgebra::Vector2;
+use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, State, TermDescriptor, VehicleRepulsion};
 use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut};
 
-use super::batch::Chunk;
+use super::batch::{Chunk, Pair};
 use super::head::{HeadTape, HeadWork};
 use super::history_encoder::HistoryTape;
 use super::layout::{Net, Packed};
@@ -38,30 +40,68 @@ pub(crate) struct Outcome {
     pub(crate) record: Option<Record>,
 }
 
-/// Parts of the roll-out as in [`crate::RollOut`], for the rows of a chunk.
+/// What [`crate::RollOut`] holds beside the path, for the rows of a chunk.
 #[derive(Debug, Default)]
 pub(crate) struct Record {
+    /// `[rows, steps, 2]`
     pub(crate) velocity: Vec<f32>,
-    pub(crate) goal_force: Vec<f32>,
-    pub(crate) tau: Vec<f32>,
-    pub(crate) neighbour_forces: Vec<f32>,
-    pub(crate) k: Vec<f32>,
-    pub(crate) line_forces: Vec<f32>,
-    pub(crate) k_line: Vec<f32>,
+    /// One for each of [`Batch::acting`](super::batch::Batch::acting).
+    pub(crate) terms: Vec<TermRecord>,
+}
+
+/// A term: forces `[rows, steps, sources, 2]` and each parameter that varies `[rows, steps, sources]`.
+#[derive(Debug, Default)]
+pub(crate) struct TermRecord {
+    sources: usize,
+    pub(crate) forces: Vec<f32>,
+    pub(crate) parameters: Vec<Vec<f32>>,
 }
 
 impl Record {
     fn new(chunk: &Chunk<'_>) -> Self {
-        let sizes = chunk.batch.sizes;
-        let zeros = |width: usize| vec![0.; chunk.rows() * chunk.batch.steps * width];
-        Self {
-            velocity: zeros(2),
-            goal_force: zeros(2),
-            tau: zeros(1),
-            neighbour_forces: zeros(2 * sizes.slots),
-            k: zeros(sizes.slots),
-            line_forces: zeros(sizes.lines),
-            k_line: zeros(sizes.lines),
+        let entries = chunk.rows() * chunk.batch.steps;
+        let term = |(term, sources): (&Arc<TermDescriptor>, usize)| TermRecord {
+            sources,
+            forces: vec![0.; entries * sources * 2],
+            parameters: vec![vec![0.; entries * sources]; term.varying().count()],
+        };
+        Self { velocity: vec![0.; entries * 2], terms: chunk.batch.acting().into_iter().map(term).collect() }
+    }
+}
+
+/// The forces of a step while terms add to them, and what is recorded of them.
+struct Adding<'a> {
+    motion: &'a [f32],
+    forces: Vec<Vector2<f32>>,
+    record: Option<&'a mut Record>,
+    /// Number of steps, and this one.
+    steps: (usize, usize),
+    /// Terms so far.
+    done: usize,
+}
+
+impl Adding<'_> {
+    /// The next term with the parameters of each pair.
+    fn add<L, P>(&mut self, law: &L, pairs: &[Pair], parameters: impl Fn(usize) -> P)
+    where
+        L: ForceTerm<f32> + ?Sized,
+        P: AsRef<[f32]>,
+    {
+        let mut record = self.record.as_mut().and_then(|record| record.terms.get_mut(self.done));
+        self.done += 1;
+        for (i, pair) in pairs.iter().enumerate() {
+            let parameters = parameters(i);
+            let force = law.force(&state_of(self.motion, pair.row), &pair.from, parameters.as_ref());
+            self.forces[pair.row] += force;
+            if let Some(record) = &mut record {
+                let at = (pair.row * self.steps.0 + self.steps.1) * record.sources + pair.slot;
+                record.forces[2 * at..2 * at + 2].copy_from_slice(force.as_slice());
+                let all = law.descriptor().parameters.iter().zip(parameters.as_ref());
+                let varying = all.filter(|(known, _)| known.varies);
+                for (values, (_, value)) in record.parameters.iter_mut().zip(varying) {
+                    values[at] = *value;
+                }
+            }
         }
     }
 }
@@ -70,7 +110,7 @@ impl Tape {
     fn new(chunk: &Chunk<'_>, net: &Net<Packed>, pool: &Pool, keep: bool) -> Self {
         let batch = chunk.batch;
         let (rows, runs, seen) = (chunk.rows(), batch.runs(), batch.seen());
-        let (neighbours, lines) = (chunk.neighbours.pairs.len(), chunk.lines.pairs.len());
+        let (neighbours, lines) = chunk.learned_pairs();
         let kept = |steps: usize| if keep { steps } else { steps.min(2) };
         let history_encoder = |i: usize, rows: usize, steps: usize| {
             let acts = i == 0 || neighbours + lines > 0;
@@ -168,16 +208,32 @@ pub(crate) fn neighbour_features(chunk: &Chunk<'_>, step: usize, features: &mut 
 /// Distance and kind of each line that each row feels, `[pairs, LINE]`.
 pub(crate) fn line_features(chunk: &Chunk<'_>, motion: &[f32], features: &mut [f32]) {
     for (&(row, occupied), features) in chunk.lines.pairs.iter().zip(features.chunks_exact_mut(LINE)) {
-        let line = chunk.line(occupied);
-        features[0] = motion[4 * row + 1] - line.y;
-        features[1] = line.feature;
+        let [y, kind, _] = chunk.line(occupied);
+        features[0] = motion[4 * row + 1] - y;
+        features[1] = kind;
     }
 }
 
-/// Position and velocity of a row.
-pub(crate) fn state_of(motion: &[f32], row: usize) -> (Point2<f32>, Vector2<f32>) {
+/// The state of a row.
+pub(crate) fn state_of(motion: &[f32], row: usize) -> State<f32> {
     let at = 4 * row;
-    (Point2::new(motion[at], motion[at + 1]), Vector2::new(motion[at + 2], motion[at + 3]))
+    State::new(motion[at], motion[at + 1], motion[at + 2], motion[at + 3])
+}
+
+/// The parameters of the networks' terms, by pair: of the goal, of neighbours, of lines.
+pub(crate) fn learned<'a>(
+    chunk: &'a Chunk<'_>,
+    tape: &'a Tape,
+    run: usize,
+) -> (impl Fn(usize) -> [f32; 1] + 'a, impl Fn(usize) -> [f32; 2] + 'a, impl Fn(usize) -> [f32; 1] + 'a) {
+    let batch = chunk.batch;
+    let of = |head: &'a Option<HeadTape>| head.as_ref().map_or(&[][..], |head| head.value(run));
+    let (tau, k, k_line) = (tape.tau.value(run), of(&tape.k), of(&tape.k_line));
+    (
+        move |row: usize| [batch.tau_max * tau[row] + batch.dt],
+        move |pair: usize| [batch.k_max * k[pair], batch.r_col],
+        move |pair: usize| [batch.k_max_line * k_line[pair]],
+    )
 }
 
 /// The predicted steps of one chunk.
@@ -287,57 +343,44 @@ impl<'a, 'b> Drive<'a, 'b> {
         }
     }
 
+    /// The forces on every row in `step`, recorded where that is asked for.
+    fn forces(&mut self, step: usize, run: usize) -> Vec<Vector2<f32>> {
+        let (chunk, batch) = (self.chunk, self.chunk.batch);
+        let mut adding = Adding {
+            motion: self.tape.motion.at(step),
+            forces: vec![Vector2::zeros(); chunk.rows()],
+            record: self.outcome.record.as_mut(),
+            steps: (batch.steps, step),
+            done: 0,
+        };
+        let (tau, k, k_line) = learned(chunk, self.tape, run);
+        adding.add(&GoalAttraction, &chunk.sources(Arity::One, step), tau);
+        if batch.sizes.k {
+            adding.add(&VehicleRepulsion, &chunk.sources(Arity::PerNeighbour, step), k);
+        }
+        if batch.sizes.k_line {
+            adding.add(&LineRepulsion, &chunk.sources(Arity::PerLine, step), k_line);
+        }
+        for term in batch.terms.fixed.iter().filter(|term| batch.sizes.sources(term.descriptor.arity) > 0) {
+            let pairs = chunk.sources(term.descriptor.arity, step);
+            adding.add(&*term.law, &pairs, |_| &term.parameters);
+        }
+        adding.forces
+    }
+
     /// Moves every row from `step` to the next.
     fn physics(&mut self, step: usize, run: usize) {
-        let (chunk, batch) = (self.chunk, self.chunk.batch);
+        let batch = self.chunk.batch;
         let (dt, steps) = (batch.dt, batch.steps);
-        let left = (steps - step) as f32 * dt;
-        let motion = self.tape.motion.at(step);
-        let mut forces = vec![Vector2::zeros(); chunk.rows()];
-        for (row, force) in forces.iter_mut().enumerate() {
-            let (p, v) = state_of(motion, row);
-            let tau = batch.tau_max * self.tape.tau.value(run)[row] + dt;
-            *force = goal_force(p, v, Point2::from(chunk.goal(row)), left, tau);
-            if let Some(record) = &mut self.outcome.record {
-                let at = row * steps + step;
-                record.tau[at] = tau;
-                record.goal_force[2 * at..2 * at + 2].copy_from_slice(force.as_slice());
-            }
-        }
-        if let Some(k) = &self.tape.k {
-            for (&(row, occupied), &share) in chunk.neighbours.pairs.iter().zip(k.value(run)) {
-                let [x, y, ..] = chunk.neighbour(step, occupied);
-                let k = batch.k_max * share;
-                let force = vehicle_force(state_of(motion, row).0 - Point2::new(x, y), k, batch.r_col);
-                forces[row] += force;
-                if let Some(record) = &mut self.outcome.record {
-                    let at = (row * steps + step) * batch.sizes.slots + chunk.neighbours.occupied[occupied].1;
-                    record.k[at] = k;
-                    record.neighbour_forces[2 * at..2 * at + 2].copy_from_slice(force.as_slice());
-                }
-            }
-        }
-        if let Some(k) = &self.tape.k_line {
-            for (&(row, occupied), &share) in chunk.lines.pairs.iter().zip(k.value(run)) {
-                let line = chunk.line(occupied);
-                let k = batch.k_max_line * share;
-                let force = line_force(line.kind, motion[4 * row + 1] - line.y, k, line.side);
-                forces[row].y += force;
-                if let Some(record) = &mut self.outcome.record {
-                    let at = (row * steps + step) * batch.sizes.lines + chunk.lines.occupied[occupied].1;
-                    record.k_line[at] = k;
-                    record.line_forces[at] = force;
-                }
-            }
-        }
+        let forces = self.forces(step, run);
         self.tape.motion.carry(step);
         for ((row, force), state) in forces.iter().enumerate().zip(self.tape.motion.at_mut(step + 1).as_chunks_mut().0)
         {
             let [x, y, vx, vy] = state;
             let faster = [*vx + force.x * dt, *vy + force.y * dt];
             let moving = match batch.integrator {
-                Integrator::Explicit => [*vx, *vy],
-                Integrator::SemiImplicit => faster,
+                Integrator::ExplicitEuler => [*vx, *vy],
+                _ => faster,
             };
             *x += moving[0] * dt;
             *y += moving[1] * dt;

@@ -1,55 +1,14 @@
 //! All weights as one flat vector with named views, and their packed form.
 
+use std::convert::Infallible;
 use std::ops::Range;
 
 use gnp_nn::kernels::{Panels, Rows, Scratch, outer_sum, padded};
 
+use crate::weights::Builder;
 use crate::{Phase, TrajConfig};
 
-/// One `T` for every affine map of both networks.
-#[derive(Clone, Debug)]
-pub(crate) struct Net<T> {
-    /// phi_1 and phi_2.
-    pub(crate) history_encoders: [HistoryEncoder<T>; 2],
-    pub(crate) enc_goal: Vec<T>,
-    pub(crate) tau: Vec<T>,
-    pub(crate) enc_nei: Vec<T>,
-    pub(crate) k: Vec<T>,
-    /// Empty without lines.
-    pub(crate) enc_line: Vec<T>,
-    pub(crate) k_line: Vec<T>,
-}
-
-/// Embedding, LSTM and latent of a history.
-#[derive(Clone, Debug)]
-pub(crate) struct HistoryEncoder<T> {
-    pub(crate) emb: T,
-    pub(crate) cell: T,
-    pub(crate) out: T,
-}
-
-impl<T> Net<T> {
-    pub(crate) fn map<U>(&self, f: impl Fn(&T) -> U) -> Net<U> {
-        let history_encoder =
-            |x: &HistoryEncoder<T>| HistoryEncoder { emb: f(&x.emb), cell: f(&x.cell), out: f(&x.out) };
-        let list = |x: &[T]| x.iter().map(&f).collect();
-        Net {
-            history_encoders: [history_encoder(&self.history_encoders[0]), history_encoder(&self.history_encoders[1])],
-            enc_goal: list(&self.enc_goal),
-            tau: list(&self.tau),
-            enc_nei: list(&self.enc_nei),
-            k: list(&self.k),
-            enc_line: list(&self.enc_line),
-            k_line: list(&self.k_line),
-        }
-    }
-
-    /// Every map, in one fixed order.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = &T> {
-        let lists = [&self.enc_goal, &self.tau, &self.enc_nei, &self.k, &self.enc_line, &self.k_line];
-        self.history_encoders.iter().flat_map(|x| [&x.emb, &x.cell, &x.out]).chain(lists.into_iter().flatten())
-    }
-}
+pub(crate) use crate::weights::{HistoryEncoder, Net};
 
 /// Where the weights of one affine map stand in the flat vector, and how they are padded: inputs and
 /// outputs come in parts that each fill whole cache lines.
@@ -203,22 +162,8 @@ pub(crate) struct Layout {
 impl Layout {
     pub(crate) fn new(cfg: &TrajConfig) -> Self {
         let mut flat = Flat::default();
-        let encoder = |input: usize| [&[input], &cfg.encoder[..], &[cfg.latent_dim]].concat();
-        let head = [&[2 * cfg.latent_dim], &cfg.decoder[..], &[1]].concat();
-        let first = flat.history_encoder(cfg, 1);
-        let enc_goal = flat.mlp("enc_goal", &encoder(2), &[2]);
-        let tau = flat.mlp("tau", &head, &[cfg.latent_dim, cfg.latent_dim]);
-        let phi_1 = flat.names.len();
-        let second = flat.history_encoder(cfg, 2);
-        let enc_nei = flat.mlp("enc_nei", &encoder(4), &[4]);
-        let k = flat.mlp("k", &head, &[cfg.latent_dim, cfg.latent_dim]);
-        let (mut enc_line, mut k_line) = (Vec::new(), Vec::new());
-        if cfg.lines {
-            enc_line = flat.mlp("enc_line", &encoder(2), &[2]);
-            k_line = flat.mlp("k_line", &head, &[cfg.latent_dim, cfg.latent_dim]);
-        }
-        let maps = Net { history_encoders: [first, second], enc_goal, tau, enc_nei, k, enc_line, k_line };
-        Self { names: flat.names, phi_1, maps }
+        let Ok(maps) = Net::build(cfg, &mut flat);
+        Self { names: flat.names, phi_1: flat.phi_1, maps }
     }
 
     /// Whether `phase` trains the weight at `index` of the names.
@@ -236,6 +181,8 @@ impl Layout {
 struct Flat {
     names: Vec<Named>,
     len: usize,
+    /// Weights before phi_2.
+    phi_1: usize,
 }
 
 impl Flat {
@@ -247,7 +194,8 @@ impl Flat {
         offset
     }
 
-    fn linear(&mut self, name: &str, inputs: &[usize], output: usize) -> Dense {
+    /// A linear layer whose inputs come in parts.
+    fn dense(&mut self, name: &str, inputs: &[usize], output: usize) -> Dense {
         let stride = inputs.iter().sum();
         let offset = self.push(format!("{name}.weight"), &[output, stride]);
         let bias = self.push(format!("{name}.bias"), &[output]);
@@ -259,26 +207,42 @@ impl Flat {
         }
         Dense { inputs: parts, biases: vec![bias], outputs: (1, output) }
     }
+}
 
-    /// Linear layers between `widths`; the inputs of the first come in `parts`.
-    fn mlp(&mut self, name: &str, widths: &[usize], parts: &[usize]) -> Vec<Dense> {
-        let layer = |(i, pair): (usize, &[usize])| {
-            let inputs = if i == 0 { parts } else { &pair[..1] };
-            self.linear(&format!("{name}.{}", 2 * i), inputs, pair[1])
-        };
-        widths.windows(2).enumerate().map(layer).collect()
+impl Builder for Flat {
+    type Linear = Dense;
+    type Cell = Dense;
+    type Mlp = Vec<Dense>;
+    type Error = Infallible;
+
+    fn linear(&mut self, name: &str, inputs: usize, outputs: usize) -> Result<Dense, Infallible> {
+        Ok(self.dense(name, &[inputs], outputs))
     }
 
-    fn history_encoder(&mut self, cfg: &TrajConfig, number: usize) -> HistoryEncoder<Dense> {
-        let (hidden, gates) = (cfg.hidden, 4 * cfg.hidden);
-        let emb = self.linear(&format!("emb{number}"), &[4], cfg.embedding);
-        let input = self.push(format!("cell{number}.weight_ih"), &[gates, cfg.embedding]);
-        let memory = self.push(format!("cell{number}.weight_hh"), &[gates, hidden]);
-        let biases = ["bias_ih", "bias_hh"].map(|bias| self.push(format!("cell{number}.{bias}"), &[gates])).to_vec();
+    fn cell(&mut self, name: &str, inputs: usize, hidden: usize) -> Result<Dense, Infallible> {
+        let gates = 4 * hidden;
+        let input = self.push(format!("{name}.weight_ih"), &[gates, inputs]);
+        let memory = self.push(format!("{name}.weight_hh"), &[gates, hidden]);
+        let biases = ["bias_ih", "bias_hh"].map(|bias| self.push(format!("{name}.{bias}"), &[gates])).to_vec();
         let whole = |offset, width| Part { offset, stride: width, column: 0, width };
-        let cell =
-            Dense { inputs: vec![whole(input, cfg.embedding), whole(memory, hidden)], biases, outputs: (4, hidden) };
-        let out = self.linear(&format!("out{number}"), &[hidden], cfg.latent_dim);
-        HistoryEncoder { emb, cell, out }
+        Ok(Dense { inputs: vec![whole(input, inputs), whole(memory, hidden)], biases, outputs: (4, hidden) })
+    }
+
+    fn mlp(
+        &mut self,
+        name: &str,
+        widths: &[usize],
+        parts: &[usize],
+        _bias: Option<f64>,
+    ) -> Result<Vec<Dense>, Infallible> {
+        let layer = |(i, pair): (usize, &[usize])| {
+            let inputs = if i == 0 { parts } else { &pair[..1] };
+            self.dense(&format!("{name}.{}", 2 * i), inputs, pair[1])
+        };
+        Ok(widths.windows(2).enumerate().map(layer).collect())
+    }
+
+    fn phi_2(&mut self) {
+        self.phi_1 = self.names.len();
     }
 }

@@ -1,16 +1,16 @@
 //! A scene that does not fit is refused with the field's name and both shapes.
 
 use candle_core::{DType, Device, Tensor};
-use gnp_traj::{NeighbourStates, Phase, Scene, TrajError};
+use gnp_traj::{NeighbourStates, Phase, RollOutBatch, TrajError};
 
 use crate::scenes::{Outcome, network, scene, small};
 
-fn refusal(change: impl FnOnce(&mut Scene)) -> Outcome<String> {
+fn refusal(change: impl FnOnce(&mut RollOutBatch)) -> Outcome<String> {
     let (network, _) = network(&small(), 1)?;
     let mut scene = scene(3, 2, 1)?;
     change(&mut scene);
     match network.roll_out(&scene, Phase::Full) {
-        Err(error @ (TrajError::Shape { .. } | TrajError::Scene { .. })) => Ok(error.to_string()),
+        Err(error @ (TrajError::Shape { .. } | TrajError::Batch { .. })) => Ok(error.to_string()),
         other => Err(format!("{other:?}").into()),
     }
 }
@@ -19,7 +19,7 @@ fn zeros(shape: &[usize]) -> candle_core::Result<Tensor> {
     Tensor::zeros(shape, DType::F32, &Device::Cpu)
 }
 
-fn states(scene: &mut Scene, states: NeighbourStates) {
+fn states(scene: &mut RollOutBatch, states: NeighbourStates) {
     if let Some(neighbours) = &mut scene.neighbours {
         neighbours.states = states;
     }

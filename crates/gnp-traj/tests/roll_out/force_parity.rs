@@ -3,7 +3,7 @@
 
 use candle_core::{Device, Tensor};
 use gnp_force::nalgebra::{Point2, Vector2};
-use gnp_force::{LineKind, Side, goal_force, line_force, vehicle_force};
+use gnp_force::{MarkingKind, Side, goal_force, line_force, vehicle_force};
 use gnp_traj::{Engine, NeighbourStates, Phase};
 
 use crate::scenes::{Outcome, network, scene, small, values};
@@ -27,12 +27,13 @@ fn forces_on_tensors_are_those_of_gnp_force() -> Outcome {
         lines.present = lines.present.ones_like()?;
     }
     let out = network.roll_out_explained_on(Engine::Graph, &scene, Phase::Full)?;
-    let (path, velocity, tau) = (values(&out.path)?, values(&out.velocity)?, values(&out.tau)?);
-    let (pull, goals, start) =
-        (values(&out.goal_force)?, values(&scene.goals)?, values(&scene.observed.narrow(1, 3, 1)?)?);
-    let pushes = values(&out.neighbour_forces.ok_or("no neighbours")?)?;
-    let lateral = values(&out.line_forces.ok_or("no lines")?)?;
-    let (k, k_line) = (values(&out.k.ok_or("no k")?)?, values(&out.k_line.ok_or("no k_line")?)?);
+    let of = |name: &str, parameter: &str| -> Outcome<(Vec<f32>, Vec<f32>)> {
+        let term = out.term(name).ok_or("no such term")?;
+        Ok((values(&term.forces)?, values(term.parameter(parameter).ok_or("no such parameter")?)?))
+    };
+    let (path, velocity) = (values(&out.path)?, values(&out.velocity)?);
+    let ((pull, tau), (pushes, k), (lateral, k_line)) = (of("goal", "tau")?, of("neighbours", "k")?, of("lines", "k")?);
+    let (goals, start) = (values(&scene.goals)?, values(&scene.observed.narrow(1, 3, 1)?)?);
     let Some(NeighbourStates::Given(given)) = scene.neighbours.as_ref().map(|n| &n.states) else {
         return Err("".into());
     };
@@ -57,10 +58,10 @@ fn forces_on_tensors_are_those_of_gnp_force() -> Outcome {
             }
             for i in 0..line_count {
                 let line = &lines[3 * (window * line_count + i)..][..3];
-                let kind = if line[1] == 0. { LineKind::LaneDivider } else { LineKind::Boundary };
+                let kind = if line[1] == 0. { MarkingKind::LaneDivider } else { MarkingKind::Boundary };
                 let side = if line[2] < 0. { Side::Right } else { Side::Left };
                 let wanted = line_force(kind, p.y - wide(line[0]), wide(k_line[at * line_count + i]), side);
-                assert_equal("line", &lateral[at * line_count + i..][..1], &[wanted]);
+                assert_equal("line", &lateral[2 * (at * line_count + i)..][..2], &[0., wanted]);
             }
         }
     }

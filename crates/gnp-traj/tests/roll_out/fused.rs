@@ -1,9 +1,11 @@
 //! The fused roll-out is the graph's: same paths, same forces, same gradients; and the same bits on any
 //! number of threads.
 
-use candle_core::{Device, Tensor};
+use candle_core::{Device, Tensor, Var};
 use gnp_nn::Weights;
-use gnp_traj::{Engine, Integrator, Phase, Scene, SocialForce, TrajConfig};
+use gnp_traj::{
+    Engine, Integrator, NeighbourStates, Neighbours, Phase, RollOutBatch, SocialForce, TrajConfig, TrajError,
+};
 
 use crate::scenes::{Gradients, Outcome, assert_close, gradients, network, scene, small, uniform, values};
 
@@ -11,7 +13,7 @@ use crate::scenes::{Gradients, Outcome, assert_close, gradients, network, scene,
 fn outcome(
     (network, weights): &(SocialForce, Weights),
     engine: Engine,
-    scene: &Scene,
+    scene: &RollOutBatch,
     phase: Phase,
 ) -> Outcome<(Vec<f32>, Gradients)> {
     let path = network.roll_out_on(engine, scene, phase)?;
@@ -21,7 +23,7 @@ fn outcome(
     Ok((values(&path)?, gradients(weights, &loss)?))
 }
 
-fn assert_same(cfg: &TrajConfig, scene: &Scene, phase: Phase) -> Outcome {
+fn assert_same(cfg: &TrajConfig, scene: &RollOutBatch, phase: Phase) -> Outcome {
     let network = network(cfg, 7)?;
     let (wanted_path, wanted) = outcome(&network, Engine::Graph, scene, phase)?;
     let (path, found) = outcome(&network, Engine::Fused, scene, phase)?;
@@ -39,9 +41,11 @@ fn assert_same(cfg: &TrajConfig, scene: &Scene, phase: Phase) -> Outcome {
 #[test]
 fn paths_and_gradients_are_those_of_the_graph() -> Outcome {
     for phase in [Phase::Attraction, Phase::Repulsion, Phase::Full] {
-        for (goals, integrator, network_period) in
-            [(1, Integrator::SemiImplicit, 1), (3, Integrator::Explicit, 1), (2, Integrator::SemiImplicit, 3)]
-        {
+        for (goals, integrator, network_period) in [
+            (1, Integrator::SemiImplicitEuler, 1),
+            (3, Integrator::ExplicitEuler, 1),
+            (2, Integrator::SemiImplicitEuler, 3),
+        ] {
             assert_same(&TrajConfig { integrator, network_period, ..small() }, &scene(5, goals, 11)?, phase)?;
         }
     }
@@ -64,6 +68,90 @@ fn epoch(engine: Engine) -> Outcome<Vec<f32>> {
         losses.push(loss.to_scalar()?);
     }
     Ok(losses)
+}
+
+/// The gradients of the path in goals and observations.
+fn input_gradients(engine: Engine, batch: &RollOutBatch, phase: Phase, cfg: &TrajConfig) -> Outcome<[Vec<f32>; 2]> {
+    let (network, _) = network(cfg, 7)?;
+    let (goals, observed) = (Var::from_tensor(&batch.goals)?, Var::from_tensor(&batch.observed)?);
+    let tracked =
+        RollOutBatch { goals: goals.as_tensor().clone(), observed: observed.as_tensor().clone(), ..batch.clone() };
+    let path = network.roll_out_on(engine, &tracked, phase)?;
+    let pull = uniform(&mut rand::SeedableRng::seed_from_u64(9), path.dims(), -1., 1.)?;
+    let gradients = (((path.sqr()? * 0.05)? + (&path * pull)?)?).sum_all()?.backward()?;
+    let of = |var: &Var| gradients.get(var).ok_or("no gradient").map(values);
+    Ok([of(&goals)??, of(&observed)??])
+}
+
+#[test]
+fn goals_and_observations_get_the_graphs_gradients() -> Outcome {
+    for phase in [Phase::Attraction, Phase::Repulsion, Phase::Full] {
+        for (goals, network_period) in [(1, 1), (3, 1), (2, 3)] {
+            let (cfg, batch) = (TrajConfig { network_period, ..small() }, scene(21, goals, 31)?);
+            let wanted = input_gradients(Engine::Graph, &batch, phase, &cfg)?;
+            let found = input_gradients(Engine::Fused, &batch, phase, &cfg)?;
+            for (name, (found, wanted)) in ["goals", "observed"].iter().zip(found.iter().zip(&wanted)) {
+                assert!(wanted.iter().any(|&v| v != 0.), "{name} in {phase:?}: the test does not reach it");
+                assert_close(name, found, wanted, 1e-4);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Independent of the graph: the change of a loss for a small change of one number.
+#[test]
+fn gradients_in_goals_and_observations_are_differences_of_the_path() -> Outcome {
+    let (cfg, batch) = (small(), scene(2, 1, 32)?);
+    let (network, _) = network(&cfg, 7)?;
+    let loss = |batch: &RollOutBatch| -> Outcome<f64> {
+        let path = values(&network.roll_out_on(Engine::Fused, batch, Phase::Full)?)?;
+        let pull = values(&uniform(&mut rand::SeedableRng::seed_from_u64(9), &[2, 1, batch.steps, 2], -1., 1.)?)?;
+        Ok(path.iter().zip(pull).map(|(x, pull)| f64::from(0.05 * x * x + x * pull)).sum())
+    };
+    let [dgoals, dobserved] = input_gradients(Engine::Fused, &batch, Phase::Full, &cfg)?;
+    let step = 1e-2;
+    let moved = |x: &Tensor, i: usize, by: f32| -> Outcome<Tensor> {
+        let mut numbers = values(x)?;
+        numbers[i] += by;
+        Ok(Tensor::from_vec(numbers, x.shape(), &Device::Cpu)?)
+    };
+    // A goal's x and y; the last observed state, and an earlier one.
+    for i in [0, 1, 2, 3] {
+        let at = |by| loss(&RollOutBatch { goals: moved(&batch.goals, i, by)?, ..batch.clone() });
+        let wanted = (at(step)? - at(-step)?) / f64::from(2. * step);
+        assert!(
+            (f64::from(dgoals[i]) - wanted).abs() < 2e-2 * wanted.abs().max(0.1),
+            "goal {i}: {}, {wanted}",
+            dgoals[i]
+        );
+    }
+    for i in [4, 7, 12, 13, 14, 15, 28, 31] {
+        let at = |by| loss(&RollOutBatch { observed: moved(&batch.observed, i, by)?, ..batch.clone() });
+        let (found, wanted) = (f64::from(dobserved[i]), (at(step)? - at(-step)?) / f64::from(2. * step));
+        assert!((found - wanted).abs() < 2e-2 * wanted.abs().max(0.1), "observed {i}: {found}, {wanted}");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_gradient_that_only_the_graph_has_is_refused_or_left_to_it() -> Outcome {
+    let (network, _) = network(&small(), 7)?;
+    let mut batch = scene(3, 1, 33)?;
+    let Some(Neighbours { states: NeighbourStates::Given(states), .. }) = &mut batch.neighbours else {
+        return Err("no neighbours".into());
+    };
+    let tracked = Var::from_tensor(states)?;
+    *states = tracked.as_tensor().clone();
+    let refused = network.roll_out_on(Engine::Fused, &batch, Phase::Full);
+    assert!(matches!(refused, Err(TrajError::Batch { name: "neighbours.states", .. })), "{refused:?}");
+    assert_eq!(network.engine(&batch, Phase::Full), Engine::Graph);
+    let gradients = network.roll_out(&batch, Phase::Full)?.sqr()?.sum_all()?.backward()?;
+    assert!(gradients.get(&tracked).is_some());
+    // Without a gradient nothing is missing.
+    assert_eq!(network.engine(&batch, Phase::Attraction), Engine::Fused);
+    network.predict(&batch, Phase::Full)?;
+    Ok(())
 }
 
 #[test]
@@ -134,16 +222,12 @@ fn the_reported_parts_are_those_of_the_graph() -> Outcome {
     };
     same("path", &found.path, &wanted.path)?;
     same("velocity", &found.velocity, &wanted.velocity)?;
-    same("goal_force", &found.goal_force, &wanted.goal_force)?;
-    same("tau", &found.tau, &wanted.tau)?;
-    let parts = [
-        ("neighbour_forces", found.neighbour_forces, wanted.neighbour_forces),
-        ("k", found.k, wanted.k),
-        ("line_forces", found.line_forces, wanted.line_forces),
-        ("k_line", found.k_line, wanted.k_line),
-    ];
-    for (name, found, wanted) in parts {
-        same(name, &found.ok_or(name)?, &wanted.ok_or(name)?)?;
+    assert_eq!(found.terms.iter().map(|term| &*term.term.name).collect::<Vec<_>>(), ["goal", "neighbours", "lines"]);
+    for (found, wanted) in found.terms.iter().zip(&wanted.terms) {
+        assert_eq!(found.term, wanted.term);
+        same(&found.term.name, &found.forces, &wanted.forces)?;
+        assert_eq!((found.parameters.len(), wanted.parameters.len()), (1, 1));
+        same(&found.term.name, &found.parameters[0], &wanted.parameters[0])?;
     }
     Ok(())
 }

@@ -5,7 +5,7 @@
 
 use candle_core::Device;
 use gnp_nn::Weights;
-use gnp_traj::{Engine, InputScale, NeighbourStates, Neighbours, Phase, Scene, SocialForce, TrajConfig};
+use gnp_traj::{Engine, InputScale, NeighbourStates, Neighbours, Phase, RollOutBatch, SocialForce, TrajConfig};
 
 use crate::scenes::{Outcome, assert_close, gradients, values};
 
@@ -28,7 +28,7 @@ fn path_and_gradients_are_those_of_pytorch() -> Outcome {
     };
     let network = SocialForce::new(&cfg, weights.builder())?;
     assert_eq!(weights.count(), count, "the network asked for a weight that PyTorch does not have");
-    let scene = Scene {
+    let scene = RollOutBatch {
         observed: golden["traj.obs"].clone(),
         goals: golden["traj.goal"].unsqueeze(1)?,
         neighbours: Some(Neighbours {

@@ -8,3 +8,4 @@ mod gradients;
 mod padding;
 mod physics;
 mod scenes;
+mod terms;

@@ -1,12 +1,12 @@
 //! What stands in an empty slot has no effect, not even if it is not a number.
 
 use candle_core::{Device, Tensor};
-use gnp_traj::{Lines, NeighbourStates, Neighbours, Phase, Scene};
+use gnp_traj::{Lines, NeighbourStates, Neighbours, Phase, RollOutBatch};
 
 use crate::scenes::{Outcome, gradients, network, scene, small, values};
 
 /// `scene` with `value` in every number of an empty slot or line.
-fn padded(scene: &Scene, value: f32) -> candle_core::Result<Scene> {
+fn padded(scene: &RollOutBatch, value: f32) -> candle_core::Result<RollOutBatch> {
     let fill = |x: &Tensor, there: &Tensor| -> candle_core::Result<Tensor> {
         let there = there.ne(0f64)?.broadcast_as(x.shape())?;
         there.where_cond(x, &Tensor::full(value, x.shape(), &Device::Cpu)?)
@@ -25,7 +25,7 @@ fn padded(scene: &Scene, value: f32) -> candle_core::Result<Scene> {
 fn padding_reaches_neither_path_nor_gradient() -> Outcome {
     let (network, weights) = network(&small(), 5)?;
     let scene = scene(4, 1, 2)?;
-    let outcome = |scene: &Scene| -> Outcome<_> {
+    let outcome = |scene: &RollOutBatch| -> Outcome<_> {
         let path = network.roll_out(scene, Phase::Full)?;
         Ok((values(&path)?, gradients(&weights, &path.sqr()?.sum_all()?)?))
     };

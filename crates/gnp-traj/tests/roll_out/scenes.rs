@@ -2,7 +2,7 @@
 
 use candle_core::{DType, Device, Tensor, Var};
 use gnp_nn::Weights;
-use gnp_traj::{InputScale, Integrator, Lines, NeighbourStates, Neighbours, Scene, SocialForce, TrajConfig};
+use gnp_traj::{InputScale, Integrator, Lines, NeighbourStates, Neighbours, RollOutBatch, SocialForce, TrajConfig};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -25,8 +25,9 @@ pub(crate) fn small() -> TrajConfig {
         r_col: 12.,
         lines: true,
         input_scale: InputScale { position: 0.05, velocity: 0.1 },
-        integrator: Integrator::SemiImplicit,
+        integrator: Integrator::SemiImplicitEuler,
         network_period: 1,
+        terms: Vec::new(),
     }
 }
 
@@ -41,7 +42,7 @@ pub(crate) fn uniform(rng: &mut ChaCha8Rng, shape: &[usize], lo: f32, hi: f32) -
 }
 
 /// `windows` windows of 4 observed and 7 predicted frames, 5 slots, 3 lines; each window lacks some.
-pub(crate) fn scene(windows: usize, goals: usize, seed: u64) -> Outcome<Scene> {
+pub(crate) fn scene(windows: usize, goals: usize, seed: u64) -> Outcome<RollOutBatch> {
     const OBSERVED: usize = 4;
     const STEPS: usize = 7;
     const SLOTS: usize = 5;
@@ -71,7 +72,7 @@ pub(crate) fn scene(windows: usize, goals: usize, seed: u64) -> Outcome<Scene> {
         lines.extend([shift - 1.8, 1., 1., shift + 1.8, 0., 0., shift + 5.4, 1., -1.]);
     }
     let there: Vec<f32> = (0..windows * LINES).map(|i| f32::from(u8::from(i % 4 != 1))).collect();
-    Ok(Scene {
+    Ok(RollOutBatch {
         observed,
         goals: pair(rng, &[windows, goals], (5., 12.), (-4., 4.))?,
         neighbours: Some(Neighbours {

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::Arc;
 
+use gnp_force::TermDescriptor;
 use parquet::basic::{ConvertedType, Type as PhysicalType};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::{ByteArray, DataType};
@@ -12,58 +14,56 @@ use parquet::schema::types::{ColumnDescriptor, SchemaDescriptor};
 
 use super::{Detail, Failure, within};
 use crate::error::PredictionProblem;
-use crate::predictions::schema::{EXPLAINING, prediction_columns};
+use crate::predictions::schema::{COLUMNS, Explaining, Kind, explaining, published};
 
 /// Where the columns of a prediction file stand.
 pub(super) struct Columns {
     /// Name in our schema, index in the file, whether 32-bit numbers are unsigned.
     found: Vec<(&'static str, usize, bool)>,
-    /// Indices of all explaining columns, or none.
-    explaining: Vec<usize>,
+    /// What the file explains a step by.
+    pub(super) explained: Explained,
 }
 
-/// What a column must hold.
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Text,
-    Whole,
-    Number,
+/// The columns of a file that explain a step; empty in a file that explains nothing.
+#[derive(Default)]
+pub(super) struct Explained {
+    /// Terms all of whose columns are there.
+    pub(super) terms: Vec<Arc<TermDescriptor>>,
+    pub(super) columns: Vec<Explaining>,
+    indices: Vec<usize>,
 }
-
-/// Our columns, and whether a file must have them.
-const KNOWN: [(&str, Kind, bool); 11] = [
-    ("scene", Kind::Text, true),
-    ("vehicle", Kind::Whole, true),
-    ("segment", Kind::Whole, false),
-    ("t0", Kind::Whole, true),
-    ("mode", Kind::Whole, true),
-    ("probability", Kind::Number, true),
-    ("step", Kind::Whole, true),
-    ("x", Kind::Number, true),
-    ("y", Kind::Number, true),
-    ("origin_x", Kind::Number, false),
-    ("origin_y", Kind::Number, false),
-];
 
 impl Columns {
-    pub(super) fn find(schema: &SchemaDescriptor, detail: Detail) -> Result<Self, PredictionProblem> {
+    /// `terms` are those that the file says it has; without them the published ones are looked for.
+    pub(super) fn find(
+        schema: &SchemaDescriptor,
+        terms: Option<Vec<TermDescriptor>>,
+        detail: Detail,
+    ) -> Result<Self, PredictionProblem> {
         let by_name: BTreeMap<String, usize> =
             schema.columns().iter().enumerate().map(|(i, column)| (column.path().string(), i)).collect();
         let mut found = Vec::new();
-        for (name, kind, required) in KNOWN {
-            let also = if name == "scene" { "recording" } else { name };
-            let Some(index) = by_name.get(name).or_else(|| by_name.get(also)).copied() else {
-                if required {
-                    return Err(PredictionProblem::MissingColumn { column: name });
+        for known in COLUMNS.iter().filter(|column| column.read) {
+            let also = || known.also.and_then(|also| by_name.get(also));
+            let Some(index) = by_name.get(known.name).or_else(also).copied() else {
+                if known.required {
+                    return Err(PredictionProblem::MissingColumn { column: known.name });
                 }
                 continue;
             };
             let column = schema.column(index);
-            check_type(&column, kind)?;
-            found.push((name, index, column.converted_type() == ConvertedType::UINT_32));
+            check_type(&column, known.kind)?;
+            found.push((known.name, index, column.converted_type() == ConvertedType::UINT_32));
         }
-        let explaining = if detail == Detail::Explanations { explaining(schema, &by_name)? } else { Vec::new() };
-        Ok(Self { found, explaining })
+        let explained = match detail {
+            Detail::Paths => Explained::default(),
+            Detail::Explanations => Explained::find(
+                schema,
+                &by_name,
+                terms.map_or_else(published, |t| t.into_iter().map(Arc::new).collect()),
+            )?,
+        };
+        Ok(Self { found, explained })
     }
 
     /// All rows of a row group, whose first one is row `start` of the file.
@@ -86,22 +86,35 @@ impl Columns {
                 }
             }
         }
-        for index in &self.explaining {
+        for index in &self.explained.indices {
             read.explaining.push(numbers(group.get_column_reader(*index)?, rows)?);
         }
         Ok(read)
     }
 }
 
-/// Indices of the explaining columns; none unless all are there.
-fn explaining(schema: &SchemaDescriptor, by_name: &BTreeMap<String, usize>) -> Result<Vec<usize>, PredictionProblem> {
-    let all = prediction_columns();
-    let names = all[all.len() - EXPLAINING..].iter().map(|column| by_name.get(&column.name).copied());
-    let Some(indices) = names.collect::<Option<Vec<usize>>>() else { return Ok(Vec::new()) };
-    for index in &indices {
-        check_type(&schema.column(*index), Kind::Number)?;
+impl Explained {
+    /// The terms that are there, with the goal; nothing without the goal or any term.
+    fn find(
+        schema: &SchemaDescriptor,
+        by_name: &BTreeMap<String, usize>,
+        mut terms: Vec<Arc<TermDescriptor>>,
+    ) -> Result<Self, PredictionProblem> {
+        let absent = |column: &Explaining| !by_name.contains_key(&column.info.name);
+        let missing: Vec<Option<usize>> =
+            explaining(&terms).iter().filter(|column| absent(column)).map(|column| column.part.term()).collect();
+        let mut number = 0..;
+        terms.retain(|_| !missing.contains(&number.next()));
+        if missing.contains(&None) || terms.is_empty() {
+            return Ok(Self::default());
+        }
+        let columns = explaining(&terms);
+        let indices: Vec<usize> = columns.iter().filter_map(|column| by_name.get(&column.info.name).copied()).collect();
+        for index in &indices {
+            check_type(&schema.column(*index), Kind::Number)?;
+        }
+        Ok(Self { terms, columns, indices })
     }
-    Ok(indices)
 }
 
 fn check_type(column: &ColumnDescriptor, kind: Kind) -> Result<(), PredictionProblem> {
@@ -175,16 +188,15 @@ impl GroupRows {
         Some([of("origin_x")?, of("origin_y")?])
     }
 
-    /// The explaining numbers of a row, where it has them all.
-    pub(super) fn explanation(&self, i: usize) -> Option<[f32; EXPLAINING]> {
-        let mut values = [0.; EXPLAINING];
-        if self.explaining.len() != EXPLAINING {
-            return None;
+    /// Appends the explaining numbers of a row, where it has a goal; NaN stands for a null.
+    pub(super) fn explanation(&self, i: usize, values: &mut Vec<f32>) -> bool {
+        let cell = |cells: &Vec<Option<f32>>| cells.get(i).copied().flatten();
+        let [goal_x, goal_y, ..] = &self.explaining[..] else { return false };
+        if cell(goal_x).is_none() || cell(goal_y).is_none() {
+            return false;
         }
-        for (value, cells) in values.iter_mut().zip(&self.explaining) {
-            *value = cells.get(i).copied().flatten()?;
-        }
-        Some(values)
+        values.extend(self.explaining.iter().map(|cells| cell(cells).unwrap_or(f32::NAN)));
+        true
     }
 
     fn bad(&self, i: usize, column: &str, problem: String) -> PredictionProblem {

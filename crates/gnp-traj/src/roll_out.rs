@@ -1,19 +1,24 @@
 //! What a roll-out is given and what it returns.
 
-use candle_core::{DType, Tensor};
+use std::sync::Arc;
 
+use candle_core::{DType, Tensor};
+use gnp_force::{Arity, TermDescriptor};
+
+use crate::network::Terms;
 use crate::{TrajConfig, TrajError};
 
 /// A batch of windows to roll out; tensors are `f32` unless said otherwise, in the window frame.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct RollOutBatch {
     /// Observed states `(x, y, vx, vy)` `[batch, t_obs, 4]`; the last one is where the roll-out starts.
     pub observed: Tensor,
     /// Goals `[batch, goals, 2]` in m, to be reached after the last step; training gives one a window.
     pub goals: Tensor,
-    /// Who may push; ignored in [`Phase::Attraction`].
+    /// Who may push; ignored in [`Phase::Attraction`] unless a term of the caller's acts from neighbours.
     pub neighbours: Option<Neighbours>,
-    /// Lane lines; ignored in [`Phase::Attraction`] and by a network configured without lines.
+    /// Lane lines; ignored in [`Phase::Attraction`] and by a network configured without lines, unless a term of the
+    /// caller's acts from lines.
     pub lines: Option<Lines>,
     /// Frame period, in s.
     pub dt: f64,
@@ -58,7 +63,7 @@ pub struct Lines {
     pub present: Tensor,
 }
 
-/// Which forces act, and which weights a gradient reaches.
+/// Which of the networks' forces act, and which weights a gradient reaches. Terms of the caller's own act in all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// The goal alone attracts; gradients reach phi_1.
@@ -78,65 +83,123 @@ pub enum Engine {
     Graph,
 }
 
-/// A roll-out with what led to it. Forces are accelerations in m/s² at the start of each step; the
-/// parts of neighbours and lines are there when these act.
+/// A roll-out with what led to it.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct RollOut {
     /// Positions after each step `[batch, goals, steps, 2]`, in m.
     pub path: Tensor,
     /// Velocities after each step `[batch, goals, steps, 2]`, in m/s.
     pub velocity: Tensor,
-    /// Attraction of the goal `[batch, goals, steps, 2]`.
-    pub goal_force: Tensor,
-    /// Relaxation time `[batch, goals, steps]`, in s.
-    pub tau: Tensor,
-    /// Push of every neighbour `[batch, goals, steps, slots, 2]`, 0 in empty slots.
-    pub neighbour_forces: Option<Tensor>,
-    /// Strength of every neighbour `[batch, goals, steps, slots]`, in m/s², 0 in empty slots.
-    pub k: Option<Tensor>,
-    /// Lateral push of every line `[batch, goals, steps, lines]`, 0 in empty entries.
-    pub line_forces: Option<Tensor>,
-    /// Strength of every line `[batch, goals, steps, lines]`, 0 in empty entries.
-    pub k_line: Option<Tensor>,
+    /// The terms of the force that act, in the order in which they are added up.
+    pub terms: Vec<TermRollOut>,
 }
 
-/// The sizes of a checked scene.
+/// One term of the force in a roll-out.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct TermRollOut {
+    /// What it is called.
+    pub term: Arc<TermDescriptor>,
+    /// Acceleration in m/s² at the start of each step, of each source `[batch, goals, steps, sources, 2]`; 0 in empty slots
+    /// and entries. Sources are 1, the neighbour slots or the lines.
+    pub forces: Tensor,
+    /// Each parameter that varies, as [`TermDescriptor::varying`] lists them, as many values as forces
+    /// `[batch, goals, steps, sources]`; 0 in empty slots where a network sets it.
+    pub parameters: Vec<Tensor>,
+}
+
+impl RollOut {
+    /// The term of that name, if it acts.
+    #[must_use]
+    pub fn term(&self, name: &str) -> Option<&TermRollOut> {
+        self.terms.iter().find(|term| term.term.name == name)
+    }
+}
+
+impl TermRollOut {
+    /// The parameter of that name, if it varies.
+    #[must_use]
+    pub fn parameter(&self, name: &str) -> Option<&Tensor> {
+        self.term.varying().position(|parameter| parameter.name == name).and_then(|i| self.parameters.get(i))
+    }
+}
+
+/// The sizes of a checked batch, and what of it acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Sizes {
     pub(crate) batch: usize,
     pub(crate) observed: usize,
     pub(crate) goals: usize,
+    /// Neighbour slots and lines that any term acts from.
     pub(crate) slots: usize,
     pub(crate) lines: usize,
+    /// Whether the network's repulsion of neighbours and of lines acts.
+    pub(crate) k: bool,
+    pub(crate) k_line: bool,
 }
 
-impl Scene {
-    /// Takes the scene's sizes apart; `slots` and `lines` are 0 where these do not act.
-    pub(crate) fn check(&self, cfg: &TrajConfig, phase: Phase) -> Result<Sizes, TrajError> {
+impl Sizes {
+    /// Sources of a term.
+    pub(crate) fn sources(&self, arity: Arity) -> usize {
+        match arity {
+            Arity::One => 1,
+            Arity::PerNeighbour => self.slots,
+            Arity::PerLine => self.lines,
+        }
+    }
+}
+
+impl RollOutBatch {
+    /// The same numbers without a gradient to them.
+    pub(crate) fn detached(&self) -> Self {
+        let neighbours = self.neighbours.as_ref().map(|neighbours| {
+            let states = match &neighbours.states {
+                NeighbourStates::Given(states) => NeighbourStates::Given(states.detach()),
+                joint @ NeighbourStates::Joint { .. } => joint.clone(),
+            };
+            Neighbours { states, present: neighbours.present.clone() }
+        });
+        let lines = |lines: &Lines| Lines { lines: lines.lines.detach(), present: lines.present.clone() };
+        Self {
+            observed: self.observed.detach(),
+            goals: self.goals.detach(),
+            neighbours,
+            lines: self.lines.as_ref().map(lines),
+            ..*self
+        }
+    }
+
+    /// Takes the sizes apart; `slots` and `lines` are 0 where no term acts from them.
+    pub(crate) fn check(&self, cfg: &TrajConfig, terms: &Terms, phase: Phase) -> Result<Sizes, TrajError> {
         let [batch, observed, _] = shape("observed", &self.observed, ["batch", "t_obs", "4"], [None, None, Some(4)])?;
         let [_, goals, _] = shape("goals", &self.goals, ["batch", "goals", "2"], [Some(batch), None, Some(2)])?;
         for (name, value) in [("observed", batch), ("observed", observed), ("goals", goals), ("steps", self.steps)] {
             if value == 0 {
                 let problem = "is empty; give at least one window, frame, goal and step".to_owned();
-                return Err(TrajError::Scene { name, problem });
+                return Err(TrajError::Batch { name, problem });
             }
         }
         if !(self.dt.is_finite() && self.dt > 0.) {
             let problem = format!("is {} s; give the frame period, a positive number", self.dt);
-            return Err(TrajError::Scene { name: "dt", problem });
+            return Err(TrajError::Batch { name: "dt", problem });
         }
-        let mut sizes = Sizes { batch, observed, goals, slots: 0, lines: 0 };
-        if phase == Phase::Attraction {
-            return Ok(sizes);
-        }
-        if let Some(neighbours) = &self.neighbours {
+        let wanted = |arity| terms.fixed.iter().any(|term| term.descriptor.arity == arity);
+        let repels = phase != Phase::Attraction;
+        let mut sizes = Sizes { batch, observed, goals, slots: 0, lines: 0, k: false, k_line: false };
+        if let Some(neighbours) = self.neighbours.as_ref().filter(|_| repels || wanted(Arity::PerNeighbour)) {
             sizes.slots = neighbours.check(batch, self.steps)?;
+            sizes.k = repels && sizes.slots > 0;
         }
+        let learned = repels && cfg.lines;
         match &self.lines {
-            Some(lines) if cfg.lines => sizes.lines = lines.check(batch)?,
-            None if cfg.lines => {
+            Some(lines) if learned || wanted(Arity::PerLine) => {
+                sizes.lines = lines.check(batch)?;
+                sizes.k_line = learned && sizes.lines > 0;
+            }
+            None if learned => {
                 let problem = "missing; give the lane lines or set traj.lines = false".to_owned();
-                return Err(TrajError::Scene { name: "lines", problem });
+                return Err(TrajError::Batch { name: "lines", problem });
             }
             _ => {}
         }
@@ -156,14 +219,14 @@ impl Neighbours {
             NeighbourStates::Joint { index, offset } => {
                 if index.dtype() != DType::U32 {
                     let problem = format!("holds {:?}; give row numbers as u32", index.dtype());
-                    return Err(TrajError::Scene { name: "neighbours.index", problem });
+                    return Err(TrajError::Batch { name: "neighbours.index", problem });
                 }
                 shape("neighbours.index", index, ["batch", "slots"], [b, n])?;
                 shape("neighbours.offset", offset, ["batch", "slots", "2"], [b, n, Some(2)])?;
                 let highest = index.flatten_all()?.to_vec1::<u32>()?.into_iter().max();
                 if let Some(highest) = highest.filter(|&row| row as usize >= batch) {
                     let problem = format!("names row {highest} of a batch of {batch}; rows count from 0");
-                    return Err(TrajError::Scene { name: "neighbours.index", problem });
+                    return Err(TrajError::Batch { name: "neighbours.index", problem });
                 }
             }
         }

@@ -1,0 +1,181 @@
+//! Terms of the force beside those whose parameters the networks set: laws with fixed parameters.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use candle_core::{CpuStorage, CustomOp2, Device, Layout, Result, Shape, Tensor};
+use gnp_force::nalgebra::{Point2, Vector2};
+use gnp_force::{Arity, ForceTerm, MarkingKind, Side, Source, State, TermDescriptor};
+use serde::{Deserialize, Serialize};
+
+use crate::TrajError;
+
+/// A term of `gnp_force` that acts in every step, with fixed parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TermConfig {
+    /// Its name in the table of `gnp_force`.
+    pub name: String,
+    /// The value of each of its parameters, by name.
+    pub parameters: BTreeMap<String, f64>,
+}
+
+/// A law and the parameters it acts with.
+#[derive(Clone, Debug)]
+pub(crate) struct FixedTerm {
+    pub(crate) descriptor: Arc<TermDescriptor>,
+    pub(crate) law: Arc<dyn ForceTerm<f32>>,
+    pub(crate) parameters: Vec<f32>,
+}
+
+impl FixedTerm {
+    pub(crate) fn new(law: Arc<dyn ForceTerm<f32>>, parameters: &[f64]) -> std::result::Result<Self, TrajError> {
+        let descriptor = Arc::new(law.descriptor().clone());
+        let refuse = |problem| Err(TrajError::Term { name: descriptor.name.to_string(), problem });
+        if parameters.len() != descriptor.parameters.len() {
+            let names: Vec<&str> = descriptor.parameters.iter().map(|parameter| &*parameter.name).collect();
+            return refuse(format!("has the parameters {names:?}, {} values were given", parameters.len()));
+        }
+        if let Some(value) = parameters.iter().find(|value| !value.is_finite()) {
+            return refuse(format!("a parameter is {value}; give finite numbers"));
+        }
+        let parameters = parameters.iter().map(|value| *value as f32).collect();
+        Ok(Self { descriptor, law, parameters })
+    }
+
+    pub(crate) fn configured(config: &TermConfig) -> std::result::Result<Self, TrajError> {
+        let refuse = |problem| TrajError::Term { name: config.name.clone(), problem };
+        let law = gnp_force::term::<f32>(&config.name).ok_or_else(|| {
+            let known = gnp_force::terms::<f32>().map(|term| term.descriptor().name.clone());
+            refuse(format!("is no term; there are {}", known.join(", ")))
+        })?;
+        let known = &law.descriptor().parameters;
+        if let Some(name) = config.parameters.keys().find(|name| known.iter().all(|known| known.name != **name)) {
+            return Err(refuse(format!("has no parameter `{name}`")));
+        }
+        let value = |name: &str| {
+            config.parameters.get(name).copied().ok_or_else(|| refuse(format!("needs a value of `{name}`")))
+        };
+        let values: Vec<f64> =
+            known.iter().map(|parameter| value(&parameter.name)).collect::<std::result::Result<_, _>>()?;
+        Self::new(Arc::new(law), &values)
+    }
+
+    /// The force of every source `[rows, sources, 2]` on rows at `state` `[rows, 4]`, with a gradient to both.
+    ///
+    /// `sources` `[rows, sources, ..]` are goals `(x, y)` with `time_left` s left, vehicles `(x, y, vx, vy)` or lines
+    /// `(y, kind, side)`; where `present` `[rows, sources]` is 0 there is none.
+    pub(crate) fn on_tensors(
+        &self,
+        state: &Tensor,
+        sources: &Tensor,
+        present: Option<&Tensor>,
+        time_left: f64,
+    ) -> Result<Tensor> {
+        let present = present.map(|present| present.flatten_all()?.to_vec1::<f32>()).transpose()?;
+        let act = Act { term: self.clone(), present, time_left: time_left as f32 };
+        let cpu = |x: &Tensor| x.to_device(&Device::Cpu)?.contiguous();
+        cpu(state)?.apply_op2(&cpu(sources)?, act)?.to_device(state.device())
+    }
+}
+
+/// A goal, a vehicle or a line from the numbers that stand for it in a tensor.
+pub(crate) fn source(arity: Arity, slot: usize, values: &[f32], time_left: f32) -> Option<Source<f32>> {
+    match (arity, values) {
+        (Arity::One, &[x, y]) => Some(Source::Goal { goal: Point2::new(x, y), time_left }),
+        (Arity::PerNeighbour, &[x, y, vx, vy]) => Some(Source::Vehicle { slot, state: State::new(x, y, vx, vy) }),
+        (Arity::PerLine, &[y, kind, side]) => Some(Source::Line {
+            kind: if kind > 0.5 { MarkingKind::Boundary } else { MarkingKind::LaneDivider },
+            y,
+            road: if side < 0. { Side::Right } else { Side::Left },
+        }),
+        _ => None,
+    }
+}
+
+/// One step of a term as an operation on state and sources.
+struct Act {
+    term: FixedTerm,
+    present: Option<Vec<f32>>,
+    time_left: f32,
+}
+
+impl Act {
+    /// Calls `f` with the index, the state and the source of every pair that is there.
+    fn each(
+        &self,
+        states: &[f32],
+        sources: &[f32],
+        count: usize,
+        width: usize,
+        mut f: impl FnMut(usize, State<f32>, Source<f32>),
+    ) {
+        let arity = self.term.descriptor.arity;
+        for (i, values) in sources.chunks_exact(width.max(1)).enumerate() {
+            if self.present.as_ref().is_some_and(|present| present[i] == 0.) {
+                continue;
+            }
+            let at = 4 * (i / count);
+            let state = State::new(states[at], states[at + 1], states[at + 2], states[at + 3]);
+            if let Some(source) = source(arity, i % count, values, self.time_left) {
+                f(i, state, source);
+            }
+        }
+    }
+}
+
+impl CustomOp2 for Act {
+    fn name(&self) -> &'static str {
+        "force-term"
+    }
+
+    fn cpu_fwd(
+        &self,
+        states: &CpuStorage,
+        state_layout: &Layout,
+        sources: &CpuStorage,
+        source_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (rows, count, width) = source_layout.shape().dims3()?;
+        let (Some(at), Some(of)) = (state_layout.contiguous_offsets(), source_layout.contiguous_offsets()) else {
+            candle_core::bail!("states and sources of a force term are strided")
+        };
+        let (states, sources) = (&states.as_slice::<f32>()?[at.0..at.1], &sources.as_slice::<f32>()?[of.0..of.1]);
+        let mut forces = vec![0.; rows * count * 2];
+        self.each(states, sources, count, width, |i, state, source| {
+            let force = self.term.law.force(&state, &source, &self.term.parameters);
+            forces[2 * i..2 * i + 2].copy_from_slice(force.as_slice());
+        });
+        Ok((CpuStorage::F32(forces), (rows, count, 2).into()))
+    }
+
+    fn bwd(
+        &self,
+        states: &Tensor,
+        sources: &Tensor,
+        _forces: &Tensor,
+        dforces: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+        let (_, count, width) = sources.dims3()?;
+        let flat = |x: &Tensor| x.flatten_all()?.to_vec1::<f32>();
+        let (at, of, dforces) = (flat(states)?, flat(sources)?, flat(dforces)?);
+        let (mut dstates, mut dsources) = (vec![0.; at.len()], vec![0.; of.len()]);
+        let mut dparameters = vec![0.; self.term.parameters.len()];
+        self.each(&at, &of, count, width, |i, state, source| {
+            let dforce = Vector2::new(dforces[2 * i], dforces[2 * i + 1]);
+            let vjp = self.term.law.vjp(&state, &source, &self.term.parameters, dforce, &mut dparameters);
+            let row = &mut dstates[4 * (i / count)..][..4];
+            for (sum, value) in row.iter_mut().zip(vjp.position.iter().chain(vjp.velocity.iter())) {
+                *sum += value;
+            }
+            let (p, v) = (vjp.source_position, vjp.source_velocity);
+            let gradient = match source {
+                Source::Line { .. } => [p.y, 0., 0., 0.],
+                _ => [p.x, p.y, v.x, v.y],
+            };
+            dsources[i * width..(i + 1) * width].copy_from_slice(&gradient[..width]);
+        });
+        let tensor = |values, like: &Tensor| Tensor::from_vec(values, like.shape(), like.device());
+        Ok((Some(tensor(dstates, states)?), Some(tensor(dsources, sources)?)))
+    }
+}
