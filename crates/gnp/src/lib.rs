@@ -58,3 +58,8 @@ pub use crate::run::Run;
 pub use crate::run::folder::{DataState, RunState, Stage};
 pub use crate::stages::Plan;
 pub use crate::tables::{Recipes, ablate, compare};
+
+/// The programs of docs/extending.md are compiled and run with the documentation tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/extending.md")]
+struct Extending;
