@@ -170,7 +170,7 @@ fn figures_html(figures: &[Figure]) -> String {
     for figure in figures {
         let (name, caption) = (escape(&figure.name), escape(&figure.caption));
         let svg = &figure.svg;
-        let _ = writeln!(page, "<figure id=\"{name}\">\n{svg}<figcaption>{caption}</figcaption>\n</figure>");
+        let _ = writeln!(page, "<figure id=\"figure-{name}\">\n{svg}<figcaption>{caption}</figcaption>\n</figure>");
     }
     page.push_str("</div>\n");
     page

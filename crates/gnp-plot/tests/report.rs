@@ -130,11 +130,11 @@ fn a_report_opens_with_what_was_found() {
     let order = [
         "GNP ends",
         "class=\"summary\"",
-        "id=\"error-by-horizon\"",
+        "id=\"figure-error-by-horizon\"",
         "id=\"player\"",
         "Scores under clean",
         "<h3>Scores</h3>",
-        "<figure id=\"modes\"",
+        "id=\"figure-modes\"",
         "<summary><h2>Other protocols",
         "<h3>Best of 20</h3>",
         "</details>",
