@@ -5,7 +5,7 @@ use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, TermVjp, Vehicl
 use gnp_nn::kernels::{Aligned, LINE, Rows, RowsMut, Scratch};
 
 use super::batch::{Chunk, Pair};
-use super::forward::{Tape, learned, line_features, neighbour_features, state_of, trained};
+use super::forward::{Learned, Tape, line_features, neighbour_features, state_of, trained};
 use super::head::HeadAdjoint;
 use super::history_encoder::HistoryAdjoint;
 use super::layout::{Gradient, Net, Packed};
@@ -120,23 +120,38 @@ impl<'a, 'b> Back<'a, 'b> {
             *dv += *dp * dt;
         }
         let mut undoing = Undoing { motion, dforces: &dforces, dmotion: &mut self.dmotion };
-        let (tau, k, k_line) = learned(chunk, tape, run);
+        let learned = Learned::of(batch, tape, run);
         let (dgoals, dtau) = (&mut self.dgoals, &mut self.dtau);
-        undoing.undo(&GoalAttraction, &chunk.sources(Arity::One, step), tau, |row, vjp, parameters| {
-            dgoals[row] += vjp.source_position;
-            dtau[row] += parameters[0] * batch.tau_max;
-        });
+        undoing.undo(
+            &GoalAttraction,
+            &chunk.sources(Arity::One, step),
+            |row| learned.tau(row),
+            |row, vjp, parameters| {
+                dgoals[row] += vjp.source_position;
+                dtau[row] += parameters[0] * batch.tau_max;
+            },
+        );
         if tape.k.is_some() {
             let dk = &mut self.dk;
-            undoing.undo(&VehicleRepulsion, &chunk.sources(Arity::PerNeighbour, step), k, |i, _, parameters| {
-                dk[i] += parameters[0] * batch.k_max;
-            });
+            undoing.undo(
+                &VehicleRepulsion,
+                &chunk.sources(Arity::PerNeighbour, step),
+                |pair| learned.k(pair),
+                |i, _, parameters| {
+                    dk[i] += parameters[0] * batch.k_max;
+                },
+            );
         }
         if tape.k_line.is_some() {
             let dk = &mut self.dk_line;
-            undoing.undo(&LineRepulsion, &chunk.sources(Arity::PerLine, step), k_line, |i, _, parameters| {
-                dk[i] += parameters[0] * batch.k_max_line;
-            });
+            undoing.undo(
+                &LineRepulsion,
+                &chunk.sources(Arity::PerLine, step),
+                |pair| learned.k_line(pair),
+                |i, _, parameters| {
+                    dk[i] += parameters[0] * batch.k_max_line;
+                },
+            );
         }
         for term in &batch.terms.fixed {
             let arity = term.descriptor.arity;

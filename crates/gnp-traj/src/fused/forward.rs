@@ -6,7 +6,7 @@ use gnp_force::nalgebra::Vector2;
 use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, State, TermDescriptor, VehicleRepulsion};
 use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut};
 
-use super::batch::{Chunk, Pair};
+use super::batch::{Batch, Chunk, Pair};
 use super::head::{HeadTape, HeadWork};
 use super::history_encoder::HistoryTape;
 use super::layout::{Net, Packed};
@@ -220,20 +220,35 @@ pub(crate) fn state_of(motion: &[f32], row: usize) -> State<f32> {
     State::new(motion[at], motion[at + 1], motion[at + 2], motion[at + 3])
 }
 
-/// The parameters of the networks' terms, by pair: of the goal, of neighbours, of lines.
-pub(crate) fn learned<'a>(
-    chunk: &'a Chunk<'_>,
-    tape: &'a Tape,
-    run: usize,
-) -> (impl Fn(usize) -> [f32; 1] + 'a, impl Fn(usize) -> [f32; 2] + 'a, impl Fn(usize) -> [f32; 1] + 'a) {
-    let batch = chunk.batch;
-    let of = |head: &'a Option<HeadTape>| head.as_ref().map_or(&[][..], |head| head.value(run));
-    let (tau, k, k_line) = (tape.tau.value(run), of(&tape.k), of(&tape.k_line));
-    (
-        move |row: usize| [batch.tau_max * tau[row] + batch.dt],
-        move |pair: usize| [batch.k_max * k[pair], batch.r_col],
-        move |pair: usize| [batch.k_max_line * k_line[pair]],
-    )
+/// The parameters that the networks set in a run, by pair.
+#[derive(Clone, Copy)]
+pub(crate) struct Learned<'a> {
+    batch: &'a Batch,
+    tau: &'a [f32],
+    k: &'a [f32],
+    k_line: &'a [f32],
+}
+
+impl<'a> Learned<'a> {
+    pub(crate) fn of(batch: &'a Batch, tape: &'a Tape, run: usize) -> Self {
+        let values = |head: &'a Option<HeadTape>| head.as_ref().map_or(&[][..], |head| head.value(run));
+        Self { batch, tau: tape.tau.value(run), k: values(&tape.k), k_line: values(&tape.k_line) }
+    }
+
+    /// Of the goal of a row.
+    pub(crate) fn tau(self, row: usize) -> [f32; 1] {
+        [self.batch.tau_max * self.tau[row] + self.batch.dt]
+    }
+
+    /// Of a neighbour.
+    pub(crate) fn k(self, pair: usize) -> [f32; 2] {
+        [self.batch.k_max * self.k[pair], self.batch.r_col]
+    }
+
+    /// Of a line.
+    pub(crate) fn k_line(self, pair: usize) -> [f32; 1] {
+        [self.batch.k_max_line * self.k_line[pair]]
+    }
 }
 
 /// The predicted steps of one chunk.
@@ -353,13 +368,13 @@ impl<'a, 'b> Drive<'a, 'b> {
             steps: (batch.steps, step),
             done: 0,
         };
-        let (tau, k, k_line) = learned(chunk, self.tape, run);
-        adding.add(&GoalAttraction, &chunk.sources(Arity::One, step), tau);
+        let learned = Learned::of(batch, self.tape, run);
+        adding.add(&GoalAttraction, &chunk.sources(Arity::One, step), |row| learned.tau(row));
         if batch.sizes.k {
-            adding.add(&VehicleRepulsion, &chunk.sources(Arity::PerNeighbour, step), k);
+            adding.add(&VehicleRepulsion, &chunk.sources(Arity::PerNeighbour, step), |pair| learned.k(pair));
         }
         if batch.sizes.k_line {
-            adding.add(&LineRepulsion, &chunk.sources(Arity::PerLine, step), k_line);
+            adding.add(&LineRepulsion, &chunk.sources(Arity::PerLine, step), |pair| learned.k_line(pair));
         }
         for term in batch.terms.fixed.iter().filter(|term| batch.sizes.sources(term.descriptor.arity) > 0) {
             let pairs = chunk.sources(term.descriptor.arity, step);
