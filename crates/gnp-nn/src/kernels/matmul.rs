@@ -256,7 +256,11 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
     }
 
     /// `R` rows of a strip.
-    #[expect(clippy::needless_range_loop, reason = "sums that are indexed by constants alone stay in registers")]
+    #[expect(
+        clippy::needless_range_loop,
+        clippy::manual_memcpy,
+        reason = "sums that are indexed by constants alone stay in registers"
+    )]
     #[inline(always)]
     fn tile<S: Simd, const R: usize, const V: usize, const WHOLE: bool>(&mut self, simd: S, row: usize, column: usize) {
         let [_, depth, columns] = self.sizes;
