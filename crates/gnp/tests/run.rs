@@ -70,6 +70,27 @@ fn rules_are_fitted_once_and_kept_with_the_run() {
     assert_eq!(of(&other, "gnp"), of(&scores, "gnp"));
 }
 
+/// Figures and the player once said "test" whatever was evaluated.
+#[test]
+fn the_report_names_the_subset_that_was_evaluated() {
+    let out = TempDir::new().unwrap();
+    let mut run = trained(config(&["evaluate.subset=validation"]), &out.path().join("run"));
+    run.perform(Stage::Evaluate).unwrap();
+    let (path, figures) = gnp::write_report(&run).unwrap();
+    for name in ["error-by-horizon", "reliability", "scenes"] {
+        let figure = figures.iter().find(|figure| figure.name.starts_with(name)).unwrap();
+        // The source may be broken into lines after any word.
+        assert!(figure.svg.contains("validation"), "{name} does not say what was evaluated");
+    }
+    let page = std::fs::read_to_string(path).unwrap();
+    assert!(page.contains("\"subset\":\"validation\"") && !page.contains("test subset") && !page.contains("test part"));
+    // What was found first, what it rests on last.
+    let place = |part: &str| page.find(part).unwrap();
+    let order =
+        ["class=\"headline\"", "class=\"summary\"", "id=\"player\"", "protocol clean:", "<details>", "split hash"];
+    assert!(order.map(place).is_sorted(), "{:?}", order.map(place));
+}
+
 #[test]
 fn a_stop_says_what_is_kept() {
     let out = TempDir::new().unwrap();
