@@ -231,7 +231,7 @@ fn replay(args: &ReplayArgs, program: &Program) -> Result<()> {
 /// The run that the command line names.
 fn plan(args: &RunArgs, program: &Program) -> Result<Plan> {
     let out = |name: &str| args.out.clone().unwrap_or_else(|| program.run_folder(name));
-    // A run is gone on with as it was told, unless the command line says more than where it is and what it is of.
+    // A run is resumed with its own configuration, unless the command line says more than where it is and what it is of.
     if args.resume && args.config.is_none() && args.set.is_empty() {
         let there: Option<PathBuf> = match (&args.out, args.dataset) {
             (Some(out), _) => Some(out.clone()),

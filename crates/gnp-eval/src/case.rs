@@ -1,4 +1,4 @@
-//! One window seen by the metrics: what happened, and a forecast held against it.
+//! One window seen by the metrics: what happened, and a forecast compared with it.
 
 use gnp_data::{Forecast, Mode, Window, WindowShape};
 
@@ -116,7 +116,7 @@ pub(crate) fn whole_seconds(shape: &WindowShape) -> Result<Vec<f64>, EvalError> 
     Ok(seconds)
 }
 
-/// A forecast held against what happened: the squared displacement of every mode in every frame.
+/// A forecast compared with what happened: the squared displacement of every mode in every frame.
 #[derive(Clone, Debug)]
 pub struct ScoredWindow<'a> {
     reference: &'a Reference,

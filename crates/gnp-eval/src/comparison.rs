@@ -47,7 +47,7 @@ impl Verdict {
     }
 }
 
-/// Two models held against each other by one metric, vehicles resampled for both together.
+/// Two models compared by one metric, vehicles resampled for both together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Comparison {

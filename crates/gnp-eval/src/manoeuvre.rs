@@ -1,7 +1,7 @@
 //! What the recorded vehicle did while it was to be predicted: rows of a table by manoeuvre.
 //!
 //! Errors of lane changes and of braking drown in the many windows in which nothing happens. The
-//! classes come from the recorded future alone, so every model is held against the same windows:
+//! classes come from the recorded future alone, so every model is compared with the same windows:
 //!
 //! - **left**, **right**: the lane number at the last predicted frame differs from that at the last
 //!   observed one, and the centre has moved at least [`CHANGE_M`] to that side. Lane numbers run

@@ -387,14 +387,14 @@ fn models_that_may_not_enter_everywhere_join_later() {
     };
     let both = [Protocol::Clean, Protocol::Literature];
     let blind = || run(set.ids(), EvaluatedModel::Predictor(&model), &both);
-    let told = run(set.ids(), EvaluatedModel::Oracle(&Oracle), &both[1..]);
-    let joined = blind().joined(told.clone()).unwrap();
+    let oracle = run(set.ids(), EvaluatedModel::Oracle(&Oracle), &both[1..]);
+    let joined = blind().joined(oracle.clone()).unwrap();
     let bootstrap = config(&both).bootstrap;
     let rows = joined.comparisons("straight", &bootstrap).unwrap();
     assert_eq!(rows.len(), 1, "the oracle is compared where it entered");
     assert!(rows[0].protocol == Protocol::Literature && rows[0].uses_future && rows[0].verdict == Verdict::Worse);
-    assert_eq!(joined.scores(&bootstrap).len(), blind().scores(&bootstrap).len() + told.scores(&bootstrap).len());
-    assert!(matches!(joined.joined(told), Err(EvalError::SameName { .. })));
+    assert_eq!(joined.scores(&bootstrap).len(), blind().scores(&bootstrap).len() + oracle.scores(&bootstrap).len());
+    assert!(matches!(joined.joined(oracle), Err(EvalError::SameName { .. })));
     let fewer = run(&set.ids()[..2], EvaluatedModel::Oracle(&Oracle), &both[1..]);
     assert!(matches!(blind().joined(fewer), Err(EvalError::OtherWindows { first: 6, second: 2 })));
 }

@@ -38,7 +38,7 @@ pub struct FeatureConfig {
     /// sees, counted back from the last observed frame; what is left over at its beginning is not
     /// seen. 0 shows every frame, as published.
     pub history_block_s: f64,
-    /// Whether the goal network is also told where a textbook driver (the Intelligent Driver Model)
+    /// Whether the goal network also gets where a textbook driver (the Intelligent Driver Model)
     /// would be behind the leader; not published.
     pub car_following_features: bool,
 }
@@ -69,7 +69,7 @@ impl FeatureConfig {
     }
 }
 
-/// Farthest lane line that the goal network is told of, m.
+/// Farthest lane line that is an input of the goal network, m.
 const LINE_REACH: f32 = 6.;
 
 /// What the goal network takes.

@@ -26,7 +26,7 @@ pub(crate) fn hint(seen: &AugmentedView<'_>, window_s: f64) -> [f32; SECONDS] {
 }
 
 /// How far a driver of speed `own` (m/s) gets ahead of that speed in 1 to 5 s, m, behind a leader
-/// that goes straight on.
+/// at constant velocity.
 fn behind(own: f64, mut leader: Leader) -> [f64; SECONDS] {
     let idm = Idm::default();
     let dt = 1. / STEPS as f64;

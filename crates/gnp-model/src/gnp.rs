@@ -438,7 +438,7 @@ impl Predictor for GoalHead {
     }
 }
 
-/// GNP told where its neighbours will be.
+/// GNP with the recorded future of its neighbours.
 #[derive(Clone, Debug)]
 pub struct Oracle {
     gnp: Gnp,
@@ -456,7 +456,7 @@ impl OraclePredictor for Oracle {
     }
 }
 
-/// GNP told where its target will end: one goal, the recorded one.
+/// GNP with the recorded end of its target as its one goal.
 #[derive(Clone, Debug)]
 pub struct TrueGoal {
     gnp: Gnp,
@@ -470,7 +470,7 @@ impl OraclePredictor for TrueGoal {
     fn predict_with_future(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
         let seen: Vec<AugmentedView<'_>> =
             windows.iter().map(|window| AugmentedView::recorded(window.observation())).collect();
-        // The force goes by the last point alone; without one the way there is straight.
+        // The force uses the last point alone; without one the way there is straight.
         let straight = |window: &Window<'_>| {
             let ([x, y], steps) = (window.truth().goal(), self.gnp.shape().t_pred);
             let share = |j: usize| j as f32 / steps as f32;

@@ -20,7 +20,7 @@ struct Crowd<'a> {
     slots: Vec<[Option<usize>; SLOTS]>,
 }
 
-/// A vehicle without a whole observed past: it goes straight on.
+/// A vehicle without a whole observed past: it keeps its velocity.
 struct Late<'a> {
     neighbour: Neighbour<'a>,
     /// Origin of the window that met it, m, road frame.
@@ -70,7 +70,7 @@ impl Gnp {
     /// The scene of each window with neighbours that were rolled out together beforehand, each
     /// towards its own likeliest goal and pushed by the others. The target's own alternatives
     /// (`ends` `[batch, k, 2]`) are then driven among these paths: they do not react to the less
-    /// likely ones. Vehicles without a whole observed past go straight on.
+    /// likely ones. Vehicles without a whole observed past keep their velocity.
     pub(crate) fn joint_scene(&self, seen: &[AugmentedView<'_>], ends: Tensor) -> Result<RollOutBatch, ModelError> {
         let crowd = Crowd::around(seen);
         let paths = self.joint_paths(&crowd)?;

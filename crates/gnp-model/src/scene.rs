@@ -132,7 +132,7 @@ impl Features {
         })
     }
 
-    /// States of the neighbour in `slot` going straight on; entry `j` is where it is when step `j`
+    /// States of the neighbour in `slot` at constant velocity; entry `j` is where it is when step `j`
     /// sets out, so entry 0 is the last observed frame.
     fn straight_future(&self, seen: &AugmentedView<'_>, slot: Slot, mut put: impl FnMut(usize, [f32; 4])) {
         let Some(neighbour) = seen.neighbour(slot) else { return };
@@ -143,7 +143,7 @@ impl Features {
         }
     }
 
-    /// Recorded states of the neighbour in `slot`; straight on from where its record ends.
+    /// Recorded states of the neighbour in `slot`; at constant velocity from where its record ends.
     fn recorded_future(
         &self,
         seen: &AugmentedView<'_>,

@@ -24,7 +24,7 @@
 #![cfg_attr(feature = "fit", doc = "```")]
 #![cfg_attr(not(feature = "fit"), doc = "```ignore")]
 //! use gnp_modes::{ModeFrame, ModeParams, fit};
-//! // Four futures of two steps each, [n, t_pred, 2]: two vehicles go straight on, two turn off.
+//! // Four futures of two steps each, [n, t_pred, 2]: two vehicles at constant velocity, two turn off.
 //! let futures = [1., 0., 2., 0., 1., 0., 2.2, 0., 1., 1., 2., 3., 1., 1., 2., 3.2];
 //! let params = ModeParams { modes: 2, seed: 1, max_iterations: 100, restarts: 1 };
 //! let modes = fit(&futures, 2, ModeFrame::Position, &params)?;

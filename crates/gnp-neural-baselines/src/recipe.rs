@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::NeuralBaselineError;
 
-/// How the manoeuvre probabilities are held against the labels.
+/// How the manoeuvre probabilities are compared with the labels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClassLoss {
@@ -84,7 +84,7 @@ impl Recipe {
         self.warm_up_epochs + self.likelihood_epochs
     }
 
-    /// What the training loop is told.
+    /// Configuration of the training loop.
     pub(crate) fn training(&self) -> TrainConfig {
         let schedule = if self.decay == 1. {
             Schedule::Constant {}

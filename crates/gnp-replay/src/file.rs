@@ -1,5 +1,5 @@
 //! The bytes of an `.rrd` file: messages, then a table of contents of the recording, which Rerun's
-//! tools to check, list and load parts of a file go by.
+//! tools to check, list and load parts of a file use.
 //!
 //! Rerun's own encoder would list recording and layout, and the columns of each, in the order of a
 //! random hash, so that the same clip would not give the same bytes.

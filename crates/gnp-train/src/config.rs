@@ -1,4 +1,4 @@
-//! What a training run is told.
+//! Configuration of a training.
 
 use serde::{Deserialize, Serialize};
 

@@ -28,7 +28,7 @@ pub struct TrainingState {
 pub struct Progress {
     /// Name of the stage.
     pub stage: String,
-    /// What the run was told.
+    /// Configuration of the run.
     pub config: TrainConfig,
     /// Number of training windows.
     pub train_windows: usize,

@@ -30,7 +30,7 @@ const EMBEDDED: [(&str, &str); 5] = [
     ("paper/highd", include_str!("../configs/paper/highd.toml")),
 ];
 
-/// Everything a run is told.
+/// The configuration of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunConfig {
@@ -204,10 +204,10 @@ impl RunConfig {
     /// When a value has no TOML form.
     pub fn to_toml(&self) -> Result<String> {
         let body = toml::to_string(self).context("the configuration has no TOML form")?;
-        Ok(format!("# What this run was told: its configuration file, then --set.\n{body}"))
+        Ok(format!("# The configuration of this run: its file, then --set.\n{body}"))
     }
 
-    /// Refuses to go on with a run that was told something else.
+    /// Refuses to go on with a run with another configuration.
     ///
     /// # Errors
     /// Names the first key that differs, with both values.

@@ -63,7 +63,7 @@ impl Run {
         self.folder.root()
     }
 
-    /// What it was told, with the run's seed added to the seeds of modes and trainings.
+    /// Its configuration, with the run's seed added to the seeds of modes and trainings.
     #[must_use]
     pub fn config(&self) -> &RunConfig {
         &self.config

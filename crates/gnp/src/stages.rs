@@ -26,7 +26,7 @@ use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, wri
 pub struct Plan {
     /// Kind of data of a run that is gone on with, if that is to be checked.
     pub dataset: Option<Dataset>,
-    /// What the run is told; without it only a run that is there can be gone on with.
+    /// Configuration of the run; without it only an existing run can be resumed.
     pub config: Option<RunConfig>,
     /// Folder or file of recordings; without it the data that comes with the project.
     pub data: Option<PathBuf>,
@@ -43,7 +43,7 @@ impl Plan {
         Self { dataset: None, config: Some(config), data, out: out.into(), resume: false }
     }
 
-    /// To go on with a run as it was told.
+    /// To resume a run with its own configuration.
     #[must_use]
     pub fn resume(out: impl Into<PathBuf>) -> Self {
         Self { dataset: None, config: None, data: None, out: out.into(), resume: true }

@@ -1,4 +1,4 @@
-//! Ratios of two times measured in one run, held against limits.
+//! Ratios of two times measured in one run, compared with limits.
 
 use gnp::Progress as _;
 use gnp_cli::Terminal;

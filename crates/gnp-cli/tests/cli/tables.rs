@@ -142,7 +142,7 @@ fn ablations_share_what_they_do_not_change() {
         assert_eq!(same(variant, file), expected, "{variant}/{file}");
     }
 
-    // One goal means one future; what is told the future is marked and stays out of clean.
+    // One goal means one future; what uses the future is marked and stays out of clean.
     let score = |model: &str, protocol: &str, metric: &str, k: u64| {
         let scores = content["scores"].as_array().unwrap();
         let found = scores.iter().find(|s| {
@@ -156,9 +156,9 @@ fn ablations_share_what_they_do_not_change() {
     };
     assert_eq!(score("no modes", "clean", "min_fde", 6), score("no modes", "clean", "fde", 1));
     assert_ne!(score("no modes", "clean", "fde", 1), score("no modes, no repulsion", "clean", "fde", 1));
-    for told in ["true goal", "oracle neighbours"] {
-        assert_eq!(score(told, "clean", "fde", 1), None);
-        assert!(score(told, "paper", "min_fde", 20).unwrap().1);
+    for oracle in ["true goal", "oracle neighbours"] {
+        assert_eq!(score(oracle, "clean", "fde", 1), None);
+        assert!(score(oracle, "paper", "min_fde", 20).unwrap().1);
     }
     assert!(score("true goal", "paper", "min_fde", 20).unwrap().0 < score("gnp", "paper", "min_fde", 20).unwrap().0);
 }

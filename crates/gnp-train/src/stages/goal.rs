@@ -54,7 +54,7 @@ impl GoalTraining {
     }
 }
 
-/// Trains a [`GoalNet`]: the mode nearest to the truth is decoded and held against it, the
+/// Trains a [`GoalNet`]: the mode nearest to the truth is decoded and compared with it, the
 /// probabilities against soft labels (GNP paper, section on mode-level goal prediction).
 ///
 /// Its validation scores are `loss`, `regression` and `classification` as in training but without

@@ -24,7 +24,7 @@ pub(crate) enum Quantity {
     /// RMSE of the likeliest future at the instant.
     Top1AtInstant,
     /// ADE, FDE and RMSE of the best of 20 goals, averaged up to the horizon, RMSE per coordinate as
-    /// far as can be told.
+    /// far as one can see.
     BestOf20,
 }
 

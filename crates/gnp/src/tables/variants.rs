@@ -30,7 +30,7 @@ pub(crate) struct Variant {
     pub(crate) redo: &'static [Stage],
     /// The part of the force that drives.
     force: Force,
-    /// What it is told of the future, if anything, and where its neighbours go.
+    /// Which recorded future it is given, if any, and where its neighbours go.
     input: Input,
 }
 
