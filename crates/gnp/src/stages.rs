@@ -20,11 +20,11 @@ use crate::report;
 use crate::run::Run;
 use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
 
-/// A run that is to be there: started, or gone on with.
+/// A run that is to be there: started or resumed.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Plan {
-    /// Kind of data of a run that is gone on with, if that is to be checked.
+    /// Kind of data of a run that is resumed, if that is to be checked.
     pub dataset: Option<Dataset>,
     /// Configuration of the run; without it only an existing run can be resumed.
     pub config: Option<RunConfig>,
@@ -32,7 +32,7 @@ pub struct Plan {
     pub data: Option<PathBuf>,
     /// The run folder.
     pub out: PathBuf,
-    /// Whether a folder that is there is gone on with instead of refused.
+    /// Whether an existing folder is resumed instead of refused.
     pub resume: bool,
 }
 
