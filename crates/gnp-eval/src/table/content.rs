@@ -165,7 +165,7 @@ impl Section<'_> {
 fn overlap_floor(scores: &[&Score]) -> String {
     let floor = scores.iter().find(|score| score.metric == MetricKind::RecordedOverlap.name());
     floor.map_or_else(String::new, |score| {
-        format!(" Recorded boxes overlap in a share of {:.3} of the windows: the floor under overlap.", score.value)
+        format!(" Recorded boxes overlap in {:.1} % of the windows: the floor under overlap.", 100. * score.value)
     })
 }
 
