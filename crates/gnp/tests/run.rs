@@ -70,6 +70,27 @@ fn rules_are_fitted_once_and_kept_with_the_run() {
     assert_eq!(of(&other, "gnp"), of(&scores, "gnp"));
 }
 
+/// The scene player once showed medoids where the configuration asks for the most probable modes.
+#[test]
+fn the_player_shows_the_futures_that_the_configuration_selects() {
+    let out = TempDir::new().unwrap();
+    let mut run = trained(config(&["predict.selection=most_probable"]), &out.path().join("run"));
+    run.perform(Stage::Evaluate).unwrap();
+    let played = |run: &Run| {
+        let page = std::fs::read_to_string(gnp::write_report(run).unwrap().0).unwrap();
+        let json = page.split_once("type=\"application/json\" id=\"recording\">").unwrap().1;
+        let player: serde_json::Value = serde_json::from_str(json.split_once("</script>").unwrap().0).unwrap();
+        player["forecasts"].as_array().unwrap().iter().map(|made| made["modes"].clone()).collect::<Vec<_>>()
+    };
+    let most_probable = played(&run);
+    let file = run.path().join("config.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(&file, text.replace("\"most_probable\"", "\"medoids\"")).unwrap();
+    let medoids = played(&Run::open(run.path(), &Machine::default()).unwrap());
+    assert!(!medoids.is_empty() && medoids.len() == most_probable.len());
+    assert_ne!(medoids, most_probable);
+}
+
 /// Figures and the player once said "test" whatever was evaluated.
 #[test]
 fn the_report_names_the_subset_that_was_evaluated() {
