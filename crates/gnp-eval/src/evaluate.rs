@@ -125,7 +125,7 @@ pub struct Setting {
     pub windows: usize,
 }
 
-/// MetricSums of every metric by model, protocol, site and vehicle.
+/// Sums of every metric by model, protocol, site and vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
     setting: Setting,

@@ -1,4 +1,4 @@
-//! MetricSums of contributions by vehicle: all that a value and its interval need.
+//! Sums of contributions by vehicle: all that a value and its interval need.
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ pub(crate) struct Cell {
     pub(crate) windows: u32,
 }
 
-/// MetricSums of each metric's contributions by vehicle, `[vehicles, metrics]`, vehicles in order.
+/// Sums of each metric's contributions by vehicle, `[vehicles, metrics]`, vehicles in order.
 ///
 /// Memory grows with vehicles, not with windows.
 #[derive(Clone, Debug, PartialEq)]

@@ -15,7 +15,7 @@ use crate::features::Features;
 /// Weights of a component of GNP.
 pub type Checkpoint = gnp_nn::Checkpoint<Header>;
 
-/// Component of the pipeline that a checkpoint belongs to.
+/// Part of the pipeline that a checkpoint belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Component {
@@ -42,7 +42,7 @@ impl Component {
 /// What the weights are: enough to rebuild the network and to refuse data they were not made for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
-    /// Component of the pipeline.
+    /// Part of the pipeline.
     pub part: Component,
     /// Data family trained on.
     pub dataset: Dataset,

@@ -24,7 +24,7 @@ const BATCH: usize = 128;
 ///
 /// The networks see and predict points at 5 Hz; between them a forecast is linear in time. Every kind
 /// but [`NeuralBaseline::PipInformed`] is a [`Predictor`]; that one predicts through
-/// [`TrainedBaseline::informed`] alone.
+/// [`TrainedBaseline::with_future`] alone.
 #[derive(Debug)]
 pub struct TrainedBaseline {
     kind: NeuralBaseline,

@@ -1,4 +1,4 @@
-//! TrainedBaseline baselines: published networks rebuilt layer by layer, so that one table can hold them to
+//! Neural baselines: published networks rebuilt layer by layer, so that one table can hold them to
 //! the same windows and the same metrics as GNP.
 //!
 //! S-LSTM, CS-LSTM and CS-LSTM(M) (Deo and Trivedi 2018), PiP (Song et al. 2020) and STDAN (Chen et

@@ -54,7 +54,7 @@ pub struct BatchTotals {
 }
 
 impl BatchTotals {
-    /// BatchTotals over `count` windows, in the order of importance.
+    /// Totals over `count` windows, in the order of importance.
     #[must_use]
     pub fn new(count: usize, sums: impl IntoIterator<Item = (&'static str, f64)>) -> Self {
         Self { count, sums: sums.into_iter().collect() }

@@ -138,7 +138,7 @@ impl HistoryAdjoint {
         gradient.out.add(tape.rows, dlatent, tape.output(steps), scratch);
     }
 
-    /// Undoes step `step` of `steps`; `states` is the trace of scaled states that were occupied in, and
+    /// Undoes step `step` of `steps`; `states` is the trace of scaled states that were taken in, and
     /// `dstates` `[rows, ..]` receives their gradient.
     #[expect(clippy::too_many_arguments, reason = "one step touches everything once")]
     pub(crate) fn step(
