@@ -135,7 +135,7 @@ pub(crate) struct Chunk<'a> {
     pub(crate) lines: ActiveSlots,
 }
 
-/// The slots that are occupied, and by which rows they are pairs.
+/// The occupied slots, and the pairs of a row and a slot in which they act.
 #[derive(Debug, Default)]
 pub(crate) struct ActiveSlots {
     /// Window of the chunk and slot of each that is present.
