@@ -64,10 +64,10 @@ pub(crate) struct GalleryArgs {
     /// The finished run.
     #[arg(long, value_name = "DIR")]
     pub(crate) run: PathBuf,
-    /// Folder of a finished table1.
+    /// Folder of a finished `compare`.
     #[arg(long, value_name = "DIR")]
     pub(crate) table1: Option<PathBuf>,
-    /// Folder of a finished table2.
+    /// Folder of a finished `ablate`.
     #[arg(long, value_name = "DIR")]
     pub(crate) table2: Option<PathBuf>,
     /// Folder for the pictures [default: docs/pictures]; pictures there are replaced.

@@ -60,7 +60,11 @@ fn figures_of(stem: &str, folder: &Path) -> Result<Vec<String>> {
         );
     }
     if names.is_empty() {
-        bail!("{} has no figures; make them by `cargo xtask {stem} --resume --out {0}`", folder.display());
+        let verb = if stem == "table1" { "compare" } else { "ablate" };
+        bail!(
+            "{} has no figures; make them by `cargo xtask {verb} --dataset NAME --resume --out {0}`",
+            folder.display()
+        );
     }
     names.sort();
     Ok(names)
@@ -69,11 +73,11 @@ fn figures_of(stem: &str, folder: &Path) -> Result<Vec<String>> {
 /// Times that a browser is started for a picture.
 const ATTEMPTS: usize = 4;
 
-/// Pictures of the report in a browser without a window, light and dark; without a browser it says so.
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     gnp_file::save(path, bytes).with_context(|| format!("cannot write {}", path.display()))
 }
 
+/// Pictures of the report in a browser without a window, light and dark; without a browser it says so.
 fn photograph(page: &Path, out: &Path, terminal: &dyn Progress) -> Result<()> {
     let works = |name: &str| {
         let version = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
@@ -125,6 +129,6 @@ mod tests {
         assert_eq!(figures_of("table1", folder.path()).unwrap(), ["table1-a.svg", "table1-b.svg"]);
         let other = tempfile::tempdir().unwrap();
         let error = figures_of("table2", other.path()).unwrap_err();
-        assert!(error.to_string().contains("cargo xtask table2"), "{error}");
+        assert!(error.to_string().contains("cargo xtask ablate --dataset"), "{error}");
     }
 }

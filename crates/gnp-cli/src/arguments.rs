@@ -59,7 +59,7 @@ Examples:
   gnp evaluate --predictions theirs.parquet --dataset highd --data-dir D --protocol av2
 
 A file of predictions is in the Parquet schema of predictions.parquet and is scored beside constant
-velocity. With --run the windows are the run's test part, without it all windows of the data. A file
+velocity. With --run the windows are those that the run is evaluated on, without it all windows of the data. A file
 that lacks a window is refused.")]
     Evaluate(EvaluateArgs),
     /// Train what is missing and score every system on the same windows: the paper's Table 1, ours.
@@ -204,7 +204,7 @@ pub struct StageArgs {
 #[derive(Clone, Debug, Args)]
 #[command(group = ArgGroup::new("what").args(["run", "predictions"]).required(true).multiple(true))]
 pub struct EvaluateArgs {
-    /// The trained run: its model is scored, or others' predictions on its test part.
+    /// The trained run: its model is scored, or others' predictions on the windows it is evaluated on.
     #[arg(long, value_name = "DIR")]
     pub(crate) run: Option<PathBuf>,
     /// Predictions to score instead of a model's.
@@ -231,8 +231,8 @@ pub struct EvaluateArgs {
     /// Score the run's own windows over.
     #[arg(long, conflicts_with_all = ["predictions", "data_dir"])]
     pub(crate) again: bool,
-    /// Print all tables, as in metrics.md.
-    #[arg(long)]
+    /// Print all tables, as in metrics.md; those of predictions are always printed.
+    #[arg(long, conflicts_with = "predictions")]
     pub(crate) tables: bool,
     /// On what.
     #[command(flatten)]
@@ -259,7 +259,7 @@ pub struct ReplayArgs {
     /// File to write; one that is there is replaced.
     #[arg(long, value_name = "FILE")]
     pub(crate) rrd: PathBuf,
-    /// Vehicle whose forecasts are shown at first [default: of the test part the one that moves sideways most].
+    /// Vehicle whose forecasts are shown at first [default: of the evaluated ones the one that moves sideways most].
     #[arg(long, value_name = "NUMBER")]
     pub(crate) vehicle: Option<u32>,
     /// On what.

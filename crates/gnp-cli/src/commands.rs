@@ -41,13 +41,21 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
 /// The command that goes on with what an interrupted one left in `folder`.
 pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
     let folder = folder.display();
-    let table = |verb: &str, run: &RunArgs| {
-        let dataset = run.dataset.map_or_else(String::new, |dataset| format!(" --dataset {}", dataset.as_str()));
-        Some(format!("gnp {verb}{dataset} --resume --out {folder}"))
+    // A table is resumed with the same words: its folder does not hold the configuration of all of its models.
+    let table = |verb: &str, args: &TableArgs| {
+        let run = &args.run;
+        let mut line = format!("gnp {verb}");
+        let mut add = |flag: &str, value: String| line += &format!(" --{flag} {value}");
+        run.dataset.iter().for_each(|dataset| add("dataset", dataset.to_string()));
+        run.config.iter().for_each(|file| add("config", file.display().to_string()));
+        run.data_dir.iter().for_each(|dir| add("data-dir", dir.display().to_string()));
+        args.recipes.iter().for_each(|file| add("recipes", file.display().to_string()));
+        run.set.iter().for_each(|setting| add("set", format!("{}={}", setting.key, setting.text)));
+        Some(format!("{line} --resume --out {folder}"))
     };
     match command {
-        Command::Compare(args) => table("compare", &args.run),
-        Command::Ablate(args) => table("ablate", &args.run),
+        Command::Compare(args) => table("compare", args),
+        Command::Ablate(args) => table("ablate", args),
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
     }
 }
@@ -139,7 +147,7 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
 fn evaluate_predictions(args: &EvaluateArgs, file: &Path, machine: &Machine) -> Result<()> {
     let on = match &args.run {
         Some(folder) if args.data_dir.is_some() => {
-            bail!("--data-dir and --run {}: give the run, for its test part, or other recordings", folder.display())
+            bail!("--data-dir and --run {}: give the run, for its own windows, or other recordings", folder.display())
         }
         Some(folder) => {
             let dataset = Run::open(folder, machine)?.config().dataset;
@@ -185,6 +193,9 @@ fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<()> {
     let mut plan = Plan::new(config, args.run.data_dir.clone(), out);
     plan.resume = args.run.resume;
     if stem == "table2" {
+        if args.recipes.is_some() {
+            bail!("ablate trains no baselines; leave --recipes out, or take `gnp compare`");
+        }
         return Ok(gnp::ablate(&plan, &crate::machine(&args.machine, program)?)?);
     }
     let recipes = match &args.recipes {

@@ -1,7 +1,7 @@
 //! Terms of the force: what each is called, what it acts from, and its law with the gradient.
 //!
 //! A term is one file of this crate: a law, a [`TermDescriptor`] and an implementation of [`ForceTerm`], listed once in
-//! [`term`]. Roll-outs, prediction files, figures and the report read the descriptor, so that none of them names a term.
+//! [`terms`]. Roll-outs, prediction files, figures and the report read the descriptor, so that none of them names a term.
 //! A term of one's own is any other type that implements the trait.
 use crate::{
     goal::GoalAttraction,

@@ -112,7 +112,7 @@ impl<'a> AugmentedView<'a> {
     }
 }
 
-/// A neighbour of a [`AugmentedView`] observation, in its target's window frame.
+/// A neighbour in an [`AugmentedView`], in its target's window frame.
 #[derive(Clone, Copy, Debug)]
 pub struct AugmentedNeighbour<'a> {
     seen: AugmentedView<'a>,

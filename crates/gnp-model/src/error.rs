@@ -37,7 +37,7 @@ pub enum ModelError {
         problem: String,
     },
     /// Threads that the system does not give.
-    #[error("cannot start {threads} threads: {source}; ask for fewer")]
+    #[error("cannot start {threads} threads; ask for fewer")]
     Threads {
         /// How many were asked for.
         threads: usize,

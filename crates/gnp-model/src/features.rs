@@ -195,7 +195,7 @@ impl Features {
                 [state.x, state.y]
             })
             .collect();
-        to_mode_frame(&path, &self.departure(seen), self.mode_frame())
+        to_mode_frame(&path, &self.reference(seen), self.mode_frame())
     }
 
     /// True futures in the modes' frame and in units of `length_scale`, `[batch, t_pred, 2]`.
@@ -218,7 +218,7 @@ impl Features {
     /// A path of the goal network, `[t_pred, 2]` in the modes' frame and m, in the window's frame.
     #[must_use]
     pub fn to_window_frame(&self, seen: &AugmentedView<'_>, path: &[f32]) -> Vec<[f32; 2]> {
-        let path = from_mode_frame(path, &self.departure(seen), self.mode_frame());
+        let path = from_mode_frame(path, &self.reference(seen), self.mode_frame());
         path.chunks_exact(2).map(|p| [p[0], p[1]]).collect()
     }
 
@@ -237,7 +237,7 @@ impl Features {
     }
 
     /// From where the modes' frame sets out.
-    fn departure(&self, seen: &AugmentedView<'_>) -> Reference {
+    fn reference(&self, seen: &AugmentedView<'_>) -> Reference {
         let velocity = seen.velocity(self.config.velocity_window_s);
         Reference { origin: [0.; 2], heading: 0., velocity, dt: self.shape.dt() as f32 }
     }

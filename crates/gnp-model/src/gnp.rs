@@ -145,17 +145,17 @@ impl Gnp {
         Self { explain, ..self }
     }
 
-    /// The same model with one more term of the force, with these values of its parameters; without physics it stays as
-    /// it is.
+    /// The same model with one more term of the force, with these values of its parameters.
     ///
     /// # Errors
-    /// As [`SocialForce::with_term`].
+    /// As [`SocialForce::with_term`]; [`ModelError::Config`] for a model without physics, in which a term could not act.
     pub fn with_term(self, law: Arc<dyn ForceTerm<f32>>, parameters: &[f64]) -> Result<Self, ModelError> {
         let mut trained = self.trained;
         let own = Arc::make_mut(&mut trained);
-        if let Some((force, phase)) = own.force.take() {
-            own.force = Some((force.with_term(law, parameters)?, phase));
-        }
+        let Some((force, phase)) = own.force.take() else {
+            return Err(ModelError::config("force", "is not part of this model: a term has nothing to act in"));
+        };
+        own.force = Some((force.with_term(law, parameters)?, phase));
         Ok(Self { trained, ..self })
     }
 

@@ -49,6 +49,6 @@ mod store;
 pub use crate::error::ModeError;
 #[cfg(feature = "fit")]
 pub use crate::fit::fit;
-pub use crate::modes::{ModeDistance, Modes};
+pub use crate::modes::Modes;
 pub use crate::normalise::{ModeFrame, Reference, from_mode_frame, to_mode_frame};
 pub use crate::params::ModeParams;

@@ -23,7 +23,7 @@ pub struct Reference {
     pub heading: f32,
     /// Last observed velocity, m/s, in the frame of the path.
     pub velocity: [f32; 2],
-    /// Frame period, s: step `j` (from 0) of a path is `(j + 1) dt` after the departure.
+    /// Frame period, s: step `j` (from 0) of a path is `(j + 1) dt` after the reference.
     pub dt: f32,
 }
 
@@ -41,15 +41,15 @@ impl Reference {
     }
 }
 
-/// A path `[t_pred, 2]` in the frame of `departure`, moved into a mode's `frame`: subtract what the
+/// A path `[t_pred, 2]` in the frame of `reference`, moved into a mode's `frame`: subtract what the
 /// frame subtracts, then turn the heading onto x. A last odd value is left out.
 #[must_use]
-pub fn to_mode_frame(path: &[f32], departure: &Reference, frame: ModeFrame) -> Vec<f32> {
-    let (sin, cos) = f64::from(departure.heading).sin_cos();
+pub fn to_mode_frame(path: &[f32], reference: &Reference, frame: ModeFrame) -> Vec<f32> {
+    let (sin, cos) = f64::from(reference.heading).sin_cos();
     path.chunks_exact(2)
         .enumerate()
         .flat_map(|(j, p)| {
-            let [x0, y0] = departure.drift(j, frame);
+            let [x0, y0] = reference.drift(j, frame);
             let (x, y) = (f64::from(p[0]) - x0, f64::from(p[1]) - y0);
             [(cos * x + sin * y) as f32, (cos * y - sin * x) as f32]
         })
@@ -58,12 +58,12 @@ pub fn to_mode_frame(path: &[f32], departure: &Reference, frame: ModeFrame) -> V
 
 /// The inverse of [`to_mode_frame`].
 #[must_use]
-pub fn from_mode_frame(path: &[f32], departure: &Reference, frame: ModeFrame) -> Vec<f32> {
-    let (sin, cos) = f64::from(departure.heading).sin_cos();
+pub fn from_mode_frame(path: &[f32], reference: &Reference, frame: ModeFrame) -> Vec<f32> {
+    let (sin, cos) = f64::from(reference.heading).sin_cos();
     path.chunks_exact(2)
         .enumerate()
         .flat_map(|(j, p)| {
-            let [x0, y0] = departure.drift(j, frame);
+            let [x0, y0] = reference.drift(j, frame);
             let (x, y) = (f64::from(p[0]), f64::from(p[1]));
             [(x0 + cos * x - sin * y) as f32, (y0 + sin * x + cos * y) as f32]
         })

@@ -60,6 +60,12 @@ impl Fused {
         Self { layout: Arc::new(Layout::new(cfg)), pool: Arc::default(), tape_values: TAPE_VALUES }
     }
 
+    /// Whether `phase` trains the weight of that name.
+    pub(crate) fn trains(&self, phase: Phase, name: &str) -> bool {
+        let place = self.layout.names.iter().position(|(known, _)| known == name);
+        place.is_some_and(|index| self.layout.trained(index, phase))
+    }
+
     /// Names and shapes of the weights in the order of the flat vector.
     pub(crate) fn names(&self) -> &[(String, Vec<usize>)] {
         &self.layout.names

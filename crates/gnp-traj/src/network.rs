@@ -48,6 +48,11 @@ impl Terms {
     /// Adds a term unless one of its name acts already.
     fn add(&mut self, term: FixedTerm, cfg: &TrajConfig) -> Result<(), TrajError> {
         let name = &term.descriptor.name;
+        let published = [&self.goal, &self.neighbours, &self.lines];
+        if published.iter().any(|other| other.name == *name && **other != term.descriptor) {
+            let problem = "is the name of a published term; take another".to_owned();
+            return Err(TrajError::Term { name: name.to_string(), problem });
+        }
         let learned = [&self.goal, &self.neighbours].into_iter().chain(cfg.lines.then_some(&self.lines));
         if learned.chain(self.fixed.iter().map(|term| &term.descriptor)).any(|other| other.name == *name) {
             let problem = "acts already; a name stands for one term".to_owned();
@@ -123,6 +128,12 @@ impl SocialForce {
     pub fn with_term(mut self, law: Arc<dyn ForceTerm<f32>>, parameters: &[f64]) -> Result<Self, TrajError> {
         self.terms.add(FixedTerm::new(law, parameters)?, &self.cfg)?;
         Ok(self)
+    }
+
+    /// Whether `phase` trains the weight of that name; a name of no weight is trained by none.
+    #[must_use]
+    pub fn trains(&self, phase: Phase, name: &str) -> bool {
+        self.fused.trains(phase, name)
     }
 
     /// The configuration the networks were built with.

@@ -74,10 +74,11 @@ pub enum Phase {
     Full,
 }
 
-/// How the roll-out is computed; both give the same path and the same gradients.
+/// How the roll-out is computed; both give the same path, and the same gradients to weights, goals and observations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Engine {
-    /// One operation with a hand-derived adjoint, for CPUs and neighbours that are given.
+    /// One operation with a hand-derived adjoint, for CPUs and neighbours that are given. It passes its gradient back once,
+    /// and refuses neighbours or lines that ask for one.
     Fused,
     /// A graph of candle operations, for every device and for [`NeighbourStates::Joint`].
     Graph,
@@ -191,11 +192,20 @@ impl RollOutBatch {
             sizes.slots = neighbours.check(batch, self.steps)?;
             sizes.k = repels && sizes.slots > 0;
         }
+        if self.neighbours.is_none() && wanted(Arity::PerNeighbour) {
+            let problem =
+                "missing; a term acts from them, so give them, with none present if there are none".to_owned();
+            return Err(TrajError::Batch { name: "neighbours", problem });
+        }
         let learned = repels && cfg.lines;
         match &self.lines {
             Some(lines) if learned || wanted(Arity::PerLine) => {
                 sizes.lines = lines.check(batch)?;
                 sizes.k_line = learned && sizes.lines > 0;
+            }
+            None if wanted(Arity::PerLine) => {
+                let problem = "missing; a term acts from them, so give the lane lines or leave the term out".to_owned();
+                return Err(TrajError::Batch { name: "lines", problem });
             }
             None if learned => {
                 let problem = "missing; give the lane lines or set traj.lines = false".to_owned();

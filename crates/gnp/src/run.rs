@@ -135,6 +135,7 @@ impl Run {
     /// # Errors
     /// When a training is not finished or a file of it cannot be used.
     pub fn model(&self) -> Result<Gnp> {
+        self.folder.require(Stage::Evaluate)?;
         let predict = &self.config.predict;
         let gnp = Gnp::load(self.folder.root(), predict.neighbours.without_future(), &self.machine.device)?;
         Ok(gnp.selecting(predict.selection))

@@ -126,9 +126,10 @@ fn start(config: &RunConfig, data: Option<&Path>, machine: &Machine, root: &Path
     if let Some(recordings) = &recordings {
         state.split_hash = modes::split(recordings, config, draft.path(), machine)?;
     }
+    // The folder appears with ingest finished, or not at all.
+    state.note(Stage::Ingest, started.elapsed().as_secs_f64());
     write_state(draft.path(), &state)?;
-    let mut folder = RunFolder::open(&draft.publish()?)?;
-    folder.finish(Stage::Ingest, started.elapsed().as_secs_f64())?;
+    let folder = RunFolder::open(&draft.publish()?)?;
     Ok(Run::new(folder, config, machine).with_recordings(recordings))
 }
 

@@ -12,7 +12,7 @@ mod printed;
 mod recipes;
 mod variants;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gnp_baselines::RULES;
 use gnp_data::{Split, WindowSet};
@@ -22,7 +22,7 @@ use self::files::{Report, Scored, write_report};
 pub use self::recipes::Recipes;
 use self::variants::{FULL, VARIANTS};
 use crate::config::{RunConfig, Setting};
-use crate::error::{Error, Result, bail};
+use crate::error::{Context as _, Error, Result, bail};
 use crate::evaluation::systems::System;
 use crate::evaluation::{self, Material, remarks, rules};
 use crate::machine::Machine;
@@ -149,6 +149,19 @@ impl Fold<'_> {
     }
 }
 
+/// Whether everything in a folder is of a table, also of one that was interrupted before there was a model.
+fn is_table(stem: &str, folder: &Path) -> Result<bool> {
+    let cannot = || format!("cannot list {}", folder.display());
+    let ours = [stem, "fold-", "gnp", "learned", "variants", "differences.json", "."];
+    for entry in std::fs::read_dir(folder).with_context(cannot)? {
+        let name = entry.with_context(cannot)?.file_name();
+        if !ours.iter().any(|start| name.to_string_lossy().starts_with(start)) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 impl<'a> Table<'a> {
     /// Refuses a folder in use unless it is to be resumed.
     fn start(stem: &'static str, plan: &'a Plan, machine: &'a Machine, total: usize) -> Result<Self> {
@@ -162,11 +175,10 @@ impl<'a> Table<'a> {
                 folder.display()
             );
         }
-        let table = Self { stem, folder, plan, config, machine, total };
-        if in_use && !occupied(&table.fold_folder(1).join("gnp"))? {
-            bail!(Folder, "{} is not the folder of a table; take another --out", table.folder.display());
+        if in_use && !is_table(stem, &folder)? {
+            bail!(Folder, "{} is not the folder of a table; take another --out", folder.display());
         }
-        Ok(table)
+        Ok(Self { stem, folder, plan, config, machine, total })
     }
 
     /// Folds of the split; each has its own models.

@@ -145,3 +145,14 @@ fn a_run_that_is_not_finished_has_no_scores() {
     assert!(Run::finished(&place, &Machine::default()).unwrap_err().chain().contains("gnp pipeline --resume"));
     assert!(run.model().is_err());
 }
+
+/// Half a training once gave another model under the name of the whole one.
+#[test]
+fn a_run_has_a_model_only_when_all_of_it_is_trained() {
+    let out = TempDir::new().unwrap();
+    let mut run = trained(config(&[]), &out.path().join("run"));
+    assert!(run.model().is_ok());
+    run.forget(Stage::Repulsion).unwrap();
+    let error = run.model().unwrap_err().chain();
+    assert!(error.contains("train --stage repulsion"), "{error}");
+}

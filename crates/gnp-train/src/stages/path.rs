@@ -17,9 +17,6 @@ use crate::seed::derive_seed;
 use crate::stage::{BatchTotals, Stage};
 use crate::stages::windows::{Augment, Windows};
 
-/// Parts of the attraction network (phi_1); every other weight is of the repulsion network (phi_2).
-const ATTRACTION: [&str; 5] = ["emb1.", "cell1.", "out1.", "enc_goal.", "tau."];
-
 /// What the social force is trained for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -144,8 +141,7 @@ impl Stage for PathStage<'_> {
     }
 
     fn trainable(&self) -> BTreeMap<String, Var> {
-        let attracts = |name: &str| ATTRACTION.iter().any(|part| name.starts_with(part));
-        let trained = |(name, _): &(String, Var)| attracts(name) == (self.phase == Phase::Attraction);
+        let trained = |(name, _): &(String, Var)| self.force.trains(self.phase, name);
         self.weights.named().into_iter().filter(trained).collect()
     }
 

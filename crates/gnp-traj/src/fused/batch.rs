@@ -199,7 +199,7 @@ impl<'a> Chunk<'a> {
         [self.batch.goals[at], self.batch.goals[at + 1]]
     }
 
-    /// The state of a occupied slot in a step.
+    /// The state of an occupied slot in a step.
     pub(crate) fn neighbour(&self, step: usize, occupied: usize) -> [f32; 4] {
         let (window, slot) = self.neighbours.occupied[occupied];
         let at = (self.windows.start + window) * self.batch.steps + step;

@@ -197,6 +197,19 @@ fn a_term_of_gnp_force_acts_by_its_name() -> Outcome {
 }
 
 #[test]
+fn a_term_without_its_sources_and_a_false_published_one_are_refused() -> Outcome {
+    let (network, _) = network(&TrajConfig { lines: false, ..small() }, 7)?;
+    let batch = RollOutBatch { neighbours: None, lines: None, ..scene(2, 1, 44)? };
+    let alone = network.clone().with_term(following(), &[0.4])?;
+    let refused = alone.roll_out(&batch, Phase::Full);
+    assert!(matches!(refused, Err(TrajError::Batch { name: "neighbours", .. })));
+    let c = TermParameter::constant("c", "1/s", "drag per speed");
+    let false_lines = Arc::new(Drag(TermDescriptor::new("lines", Arity::One, "#7a5195").with(vec![c])));
+    assert!(matches!(network.with_term(false_lines, &[0.1]), Err(TrajError::Term { name, .. }) if name == "lines"));
+    Ok(())
+}
+
+#[test]
 fn terms_that_cannot_act_are_refused_by_name() -> Outcome {
     let term = |name: &str, parameters: &[(&str, f64)]| TermConfig {
         name: name.to_owned(),

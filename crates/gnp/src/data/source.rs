@@ -45,7 +45,10 @@ pub fn embedded_folder(dataset: Dataset) -> Result<PathBuf> {
     // Cargo says where the program that it runs comes from; compiled files outlive the checkout they were made in.
     let started = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
     let places = started.into_iter().chain([PathBuf::from(env!("CARGO_MANIFEST_DIR"))]);
-    let found = places.flat_map(|place| place.ancestors().map(|above| above.join(&fixtures)).collect::<Vec<_>>());
+    let found = places.flat_map(|place| {
+        let project = |above: &&Path| above.join("crates/gnp/Cargo.toml").is_file();
+        place.ancestors().find(project).map(|above| above.join(&fixtures))
+    });
     match found.into_iter().find(|folder| folder.is_dir()) {
         Some(folder) => Ok(folder),
         None => bail!(Recordings, "no recordings of {dataset} come with this program; give a folder of them"),

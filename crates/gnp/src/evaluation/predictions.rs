@@ -7,14 +7,13 @@ use gnp_data::{Dataset, Forecast, Observation, OraclePredictor, PredictError, Pr
 use gnp_eval::{Detail, EvalConfig, Predictions, Protocol, read_predictions};
 
 use super::systems::System;
-use super::{Material, Scores, evaluate, remarks};
+use super::{Material, Scores, evaluate, split_description};
 use crate::config::RunConfig;
 use crate::data::{ingest, source};
 use crate::error::{Context as _, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::folder::{Draft, Stage};
-use crate::stages::kinds;
 
 /// Missing windows that an error names; the others are counted.
 const NAMED: usize = 5;
@@ -54,8 +53,9 @@ pub fn score_predictions(
             same_data(&predictions, run.config.dataset, file)?;
             let set = run.windows()?;
             let split = run.split(&set)?;
-            let words = format!("{}{}", kinds(split.kinds()), remarks(&split, gnp_data::Subset::Test));
-            let material = Material { set: &set, ids: split.test(), split: words, data: &run.folder.state.data };
+            let ids = split.subset(run.config.evaluate.subset);
+            let words = split_description(&run, &split);
+            let material = Material { set: &set, ids, split: words, data: &run.folder.state.data };
             score(predictions, &material, &run.config, protocols, out, machine)
         }
         PredictionsOn::Recordings { config, data } => {
@@ -115,7 +115,7 @@ fn same_data(predictions: &Predictions, dataset: Dataset, path: &Path) -> Result
     let wanted = dataset.as_str();
     match predictions.provenance().get("dataset") {
         Some(found) if found != wanted => {
-            bail!(Predictions, "{}: predictions for {found}, not for {wanted}; give --dataset {found}", path.display())
+            bail!(Predictions, "{}: predictions for {found}, not for {wanted}", path.display())
         }
         _ => Ok(()),
     }
@@ -136,7 +136,7 @@ fn covered(predictions: &Predictions, material: &Material<'_>, machine: &Machine
         bail!(
             Predictions,
             "{} of {} windows have no prediction: {}{rest}; predict every window, or score on the windows that were \
-             predicted (--run takes a run's test part)",
+             predicted (--run takes those that a run is evaluated on)",
             coverage.windows_alone,
             material.ids.len(),
             named.join("; ")

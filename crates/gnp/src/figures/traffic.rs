@@ -97,7 +97,7 @@ fn busiest(recording: &Recording, shown: u32) -> Option<Lane> {
     rows.into_iter().max_by(|a, b| a.1.cmp(&b.1).then(b.0.cmp(&a.0))).map(|(lane, _)| lane)
 }
 
-/// Forecasts of test windows in that lane and time, not too close for one vehicle.
+/// Forecasts of evaluated windows in that lane and time, not too close for one vehicle.
 fn forecasts(material: &Material<'_>, index: usize, lane: Lane, shown: u32) -> Result<Vec<LongitudinalForecast>> {
     let recording = &material.recordings[index];
     let rate = recording.meta().rate_hz;

@@ -117,6 +117,11 @@ impl RunState {
         let version = env!("CARGO_PKG_VERSION").to_owned();
         Self { format: FORMAT, version, seed, data, split_hash: String::new(), finished: BTreeMap::new() }
     }
+
+    /// Notes that a stage is finished, and how many seconds it took.
+    pub(crate) fn note(&mut self, stage: Stage, seconds: f64) {
+        self.finished.insert(stage, (seconds * 100.).round() / 100.);
+    }
 }
 
 /// A folder being filled beside its place; dropped without [`Draft::publish`] it vanishes.
@@ -203,7 +208,7 @@ impl RunFolder {
     pub(crate) fn open(root: &Path) -> Result<Self> {
         let path = root.join(STATE);
         let text = fs::read_to_string(&path).with_context(|| {
-            format!("{} is not a run folder; start one with `gnp ingest --out {0}`", root.display())
+            format!("{} is not a run folder; start one with `gnp ingest --dataset NAME --out {0}`", root.display())
         })?;
         let state: RunState = serde_json::from_str(&text)
             .with_context(|| format!("{} cannot be read; start a new run", path.display()))?;
@@ -261,7 +266,7 @@ impl RunFolder {
     /// # Errors
     /// When the state cannot be written.
     pub(crate) fn finish(&mut self, stage: Stage, seconds: f64) -> Result<()> {
-        self.state.finished.insert(stage, (seconds * 100.).round() / 100.);
+        self.state.note(stage, seconds);
         write_state(&self.root, &self.state)
     }
 
