@@ -41,12 +41,14 @@ impl Program {
         format!("cargo run --package {} --features {feature} --", self.package)
     }
 
-    /// A text with the commands in it under the program's name: those in backticks, and those that begin a line.
+    /// A message with the commands in it, which stand in backticks, under the program's name; the model `gnp` keeps its own.
     pub(crate) fn named(&self, text: &str) -> String {
-        if self.name == "gnp" {
-            return text.to_owned();
-        }
-        let text = text.replace("`gnp ", &format!("`{} ", self.name));
+        text.replace("`gnp ", &format!("`{} ", self.name))
+    }
+
+    /// A help text under the program's name: its examples begin a line.
+    fn named_help(&self, text: &str) -> String {
+        let text = self.named(text);
         let line = |line: &str| match line.trim_start().strip_prefix("gnp ") {
             Some(rest) => format!("{}{} {rest}", &line[..line.len() - line.trim_start().len()], self.name),
             None => line.to_owned(),
@@ -62,7 +64,7 @@ impl Program {
 
     fn texts(&self, mut command: clap::Command) -> clap::Command {
         if let Some(text) = command.get_after_help().map(ToString::to_string) {
-            command = command.after_help(self.named(&text));
+            command = command.after_help(self.named_help(&text));
         }
         let named = |arg: clap::Arg| match arg.get_help().map(ToString::to_string) {
             Some(text) => arg.help(self.named(&text)),
@@ -79,11 +81,12 @@ mod tests {
     #[test]
     fn commands_take_the_name_of_the_program() {
         let text = "run `gnp train --run a` first\n  gnp ingest --out a\nthe gnp model stays";
-        assert_eq!(Program::default().named(text), text);
+        assert_eq!(Program::default().named_help(text), text);
         let xtask = Program::new("cargo xtask", "xtask", "runs");
-        assert_eq!(
-            xtask.named(text),
-            "run `cargo xtask train --run a` first\n  cargo xtask ingest --out a\nthe gnp model stays"
-        );
+        let help = "run `cargo xtask train --run a` first\n  cargo xtask ingest --out a\nthe gnp model stays";
+        assert_eq!(xtask.named_help(text), help);
+        // A row of a table begins with the name of the model, which once became that of the program.
+        let row = "gnp     0.31   0.78\nrun `gnp train --run a`";
+        assert_eq!(xtask.named(row), "gnp     0.31   0.78\nrun `cargo xtask train --run a`");
     }
 }
