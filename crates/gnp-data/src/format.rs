@@ -9,6 +9,7 @@ use crate::error::DataError;
 use crate::ingest_report::IngestReport;
 use crate::recording::Recording;
 use crate::schema::Schema;
+use crate::window_shape::same_rate;
 
 /// A dataset's files: how they are recognised, what they mean, and how they become recordings.
 ///
@@ -169,7 +170,7 @@ pub fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, Ing
 /// [`DataError::Rate`], which names `file`, in which the rate stands, and the recording.
 pub fn check_rate(file: &Path, recording: &str, found_hz: f64, expected_hz: Option<f64>) -> Result<(), DataError> {
     match expected_hz {
-        Some(expected_hz) if (found_hz - expected_hz).abs() > 1e-6 * expected_hz => {
+        Some(expected_hz) if !same_rate(found_hz, expected_hz) => {
             Err(DataError::Rate { file: file.into(), recording: recording.to_owned(), found_hz, expected_hz })
         }
         _ => Ok(()),

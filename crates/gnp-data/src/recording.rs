@@ -54,7 +54,8 @@ pub struct Road {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VelocitySource {
-    /// From the data, measured or filtered up to the row's own frame: each row's velocity is taken.
+    /// From the data: each row's velocity is taken as it stands. Where the data's authors smoothed their tracks, as those of
+    /// highD did, rows near the last observed one depend on later positions; nothing here can undo that.
     Recorded,
     /// Differentiated from positions, centrally, so that a row's velocity knows the next row. At the
     /// last observed frame of a window it is differentiated anew, backwards.

