@@ -1,5 +1,5 @@
-//! Predictors without a network: constant velocity, constant acceleration, a Kalman filter, and the
-//! Intelligent Driver Model along the lane.
+//! Predictors without a network: constant velocity, constant acceleration, a Kalman filter, the Intelligent Driver
+//! Model behind one leader, and the column ahead rolled out together ([`PlatoonRule`]).
 //!
 //! They tell how much of an error a network takes away. All estimate the motion at the last
 //! observed frame from observed positions alone, by least squares over a stated time or by
@@ -13,6 +13,7 @@ mod acceleration;
 mod idm;
 mod kalman;
 mod motion;
+mod platoon;
 mod rule;
 mod velocity;
 
@@ -20,8 +21,11 @@ pub use crate::acceleration::ConstantAcceleration;
 pub use crate::idm::{Idm, IdmParameters, Leader};
 pub use crate::kalman::{AxisNoise, Gaussian, Kalman};
 pub use crate::motion::BaselineError;
+pub use crate::platoon::{
+    DEPTH, Drivers, FittedDrivers, Motion, PlatoonParameters, PlatoonRule, SeenVehicle, Traffic, lateral,
+};
 pub use crate::rule::{Parameters, Rule};
 pub use crate::velocity::ConstantVelocity;
 
 /// Every rule, in the order of tables.
-pub const RULES: &[Rule] = &[velocity::RULE, acceleration::RULE, kalman::RULE, idm::RULE];
+pub const RULES: &[Rule] = &[velocity::RULE, acceleration::RULE, kalman::RULE, idm::RULE, platoon::RULE];

@@ -1,16 +1,85 @@
-//! The forces behind a forecast, by term.
+//! What is behind a forecast: the forces by term, and what each cause moved.
 
+use std::fmt;
 use std::sync::Arc;
 
 use gnp_force::TermDescriptor;
 
-/// Why a path is what it is: the goal, and the terms of the force, which add up to the acceleration of each step.
+/// Why a path is what it is: the goal, the terms of the force, which add up to the acceleration of each step, and the
+/// contributions, which add up to the way from constant velocity to the path.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Explanation {
     /// Where the vehicle is drawn to, m, window frame.
     pub goal: [f32; 2],
     /// The terms that act, in the order in which they are added up.
     pub terms: Vec<TermForces>,
+    /// Velocity at the last observed frame, m/s: where it leads is what contributions are counted from.
+    pub velocity: [f32; 2],
+    /// What moved the vehicle away from that velocity, cause by cause; empty where it was not asked for.
+    pub contributions: Vec<Contribution>,
+}
+
+/// How far one cause moved a vehicle away from its present velocity.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contribution {
+    /// The cause.
+    pub cause: Cause,
+    /// Displacement after each predicted frame, m, window frame.
+    pub displacement: Vec<[f32; 2]>,
+}
+
+/// What moves a vehicle away from its present velocity.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Cause {
+    /// The driver alone, as if nobody were ahead: what is left of the present acceleration, the wish for another speed,
+    /// and a lateral motion that comes to rest.
+    FreeRoad,
+    /// A vehicle ahead in the lane: how much farther the vehicle would get were it gone, and the nearer ones with it.
+    Leader {
+        /// Number of the vehicle.
+        vehicle: u32,
+        /// Its place in the column ahead, from 1.
+        place: usize,
+    },
+    /// What the network expects the driver to do beyond that: the pull of the goal.
+    Intention,
+    /// The repulsion of a neighbour.
+    Neighbour {
+        /// Number of the vehicle.
+        vehicle: u32,
+    },
+    /// Another term of the force, by its name, such as `lines`.
+    Term(String),
+}
+
+impl Cause {
+    /// Whether a law of physics with named parameters speaks here, not what a network expects of the driver.
+    #[must_use]
+    pub fn is_physical(&self) -> bool {
+        *self != Self::Intention
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FreeRoad => f.write_str("free road"),
+            Self::Leader { vehicle, place: 1 } => write!(f, "leader {vehicle}"),
+            Self::Leader { vehicle, place } => write!(f, "leader {vehicle}, {place} ahead"),
+            Self::Intention => f.write_str("intention"),
+            Self::Neighbour { vehicle } => write!(f, "neighbour {vehicle}"),
+            Self::Term(name) => f.write_str(name),
+        }
+    }
+}
+
+impl Contribution {
+    /// The last of its displacements, m.
+    #[must_use]
+    pub fn at_end(&self) -> [f32; 2] {
+        self.displacement.last().copied().unwrap_or_default()
+    }
 }
 
 /// One term of the force over the predicted steps, as accelerations in m/s².
@@ -96,6 +165,25 @@ impl TermForces {
 }
 
 impl Explanation {
+    /// Where constant velocity and all contributions lead, `[steps, 2]` in m, `dt` s a step; empty without contributions.
+    #[must_use]
+    pub fn path(&self, dt: f32) -> Vec<[f32; 2]> {
+        let steps = self.contributions.iter().map(|part| part.displacement.len()).max().unwrap_or(0);
+        let at = |step: usize| {
+            let start = self.velocity.map(|v| v * dt * (step + 1) as f32);
+            let parts = self.contributions.iter().filter_map(|part| part.displacement.get(step));
+            parts.fold(start, |sum, part| [sum[0] + part[0], sum[1] + part[1]])
+        };
+        (0..steps).map(at).collect()
+    }
+
+    /// The sum of the contributions of one kind after the last frame, m.
+    #[must_use]
+    pub fn moved_by(&self, is: impl Fn(&Cause) -> bool) -> [f32; 2] {
+        let parts = self.contributions.iter().filter(|part| is(&part.cause)).map(Contribution::at_end);
+        parts.fold([0.; 2], |sum, part| [sum[0] + part[0], sum[1] + part[1]])
+    }
+
     /// Number of explained steps.
     #[must_use]
     pub fn steps(&self) -> usize {
@@ -137,9 +225,24 @@ mod tests {
         assert_eq!(term.totals(), [[1.5, 1.], [3., 4.]]);
         assert_eq!((term.forces(1), term.parameter(0, 1)), (&[[3., 0.], [0., 4.]][..], &[3., 4.][..]));
         assert!(term.forces(2).is_empty() && term.parameter(1, 0).is_empty() && term.total(2) == [0., 0.]);
-        let explanation = Explanation { goal: [9., 9.], terms: vec![term.clone(), term] };
+        let explanation =
+            Explanation { goal: [9., 9.], terms: vec![term.clone(), term], ..Explanation::default() };
         assert_eq!((explanation.steps(), explanation.total(0)), (2, [3., 2.]));
         assert!(explanation.term("push").is_some() && explanation.term("pull").is_none());
+    }
+
+    #[test]
+    fn contributions_lead_from_constant_velocity_to_the_path() {
+        let part = |cause, displacement: &[[f32; 2]]| Contribution { cause, displacement: displacement.to_vec() };
+        let leader = Cause::Leader { vehicle: 7, place: 1 };
+        let explanation = Explanation {
+            velocity: [10., 1.],
+            contributions: vec![part(leader, &[[-1., 0.], [-3., 0.]]), part(Cause::Intention, &[[0., 0.5], [1., 0.25]])],
+            ..Explanation::default()
+        };
+        assert_eq!(explanation.path(0.5), [[4., 1.], [8., 1.25]]);
+        assert_eq!(explanation.moved_by(Cause::is_physical), [-3., 0.]);
+        assert_eq!(explanation.contributions[0].cause.to_string(), "leader 7");
     }
 
     #[test]

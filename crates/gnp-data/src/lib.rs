@@ -41,7 +41,7 @@ pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
 pub use crate::dataset::{Dataset, DatasetNameError};
 pub use crate::discover::{FoundFile, FoundFiles, discover_with};
 pub use crate::error::DataError;
-pub use crate::explanation::{Explanation, TermForces};
+pub use crate::explanation::{Cause, Contribution, Explanation, TermForces};
 pub use crate::format::{Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read};
 pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
 pub use crate::lanes::{LaneFit, fit_lanes};

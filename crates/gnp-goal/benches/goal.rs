@@ -66,7 +66,7 @@ impl Case {
         let pick = Pick::Indices(labels.nearest);
         let output =
             self.net.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &pick, Some(dropout))?;
-        Ok(gnp_goal::goal_loss(&output, &self.truth, &labels.soft, 0.2)?.total.backward()?)
+        Ok(gnp_goal::goal_loss(&output, &self.truth, &labels, LossWeights { alpha: 0.2, mean: 0. })?.total.backward()?)
     }
 }
 

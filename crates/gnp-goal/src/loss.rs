@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::GoalError;
 use crate::net::GoalOutput;
+use crate::pick::rows;
 
 /// How a future's label over the modes is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -108,34 +109,62 @@ pub fn soft_labels(distance: &Tensor, temperature: f64) -> Result<Tensor, GoalEr
 /// The loss and its parts, each a scalar tensor.
 #[derive(Clone, Debug)]
 pub struct GoalLoss {
-    /// `(1 - alpha) * regression + alpha * classification`.
+    /// `(1 - alpha) * regression + alpha * classification + mean_weight * mean`.
     pub total: Tensor,
-    /// Smooth L1 (quadratic below 1 m) of the decoded future, mean over steps and coordinates.
+    /// Smooth L1 (quadratic below 1 m) of the nearest mode's future, mean over steps and coordinates.
     pub regression: Tensor,
     /// Cross-entropy of the modes' probabilities against the soft labels, mean over the batch.
     pub classification: Tensor,
+    /// Squared error of the mean of all modes, weighted by probability, mean over steps and coordinates; 0 where only
+    /// the nearest mode was decoded.
+    pub mean: Tensor,
 }
 
-/// The loss of the paper: the decoded future against `truth` `[batch, t_pred, 2]` in m and in the
-/// frame of the modes, and the probabilities against `soft` labels `[batch, modes]`; `alpha` weighs
-/// the latter (0.2 in the paper). One mode a window is decoded: the [nearest](Labels::nearest).
+/// What the parts of the loss weigh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LossWeights {
+    /// Of the probabilities against the future; 0.2 in the paper.
+    pub alpha: f64,
+    /// Of the mean of all modes; 0 in the paper. Above 0 all modes must be decoded ([`Pick::All`](crate::Pick::All)).
+    pub mean: f64,
+}
+
+/// The loss of the paper: the future of the mode [nearest](Labels::nearest) to `truth` `[batch, t_pred, 2]`, in m and in
+/// the frame of the modes, against it, and the probabilities against the soft labels. Not of the paper: the squared error
+/// of the mean of all modes beside them, because a choice between modes is learned from few windows worse than a mean.
 ///
 /// # Errors
-/// When the shapes do not fit.
-pub fn goal_loss(output: &GoalOutput, truth: &Tensor, soft: &Tensor, alpha: f64) -> Result<GoalLoss, GoalError> {
+/// When the shapes do not fit, or the mean is asked for and not all modes were decoded.
+pub fn goal_loss(
+    output: &GoalOutput,
+    truth: &Tensor,
+    labels: &Labels,
+    weights: LossWeights,
+) -> Result<GoalLoss, GoalError> {
     let (batch, t_pred, _) = truth.dims3()?;
-    if output.futures.dims() != [batch, 1, t_pred, 2] {
-        let needed = format!("[{batch}, 1, {t_pred}, 2]: in training, pick the nearest mode alone");
+    let (_, modes) = output.logits.dims2()?;
+    let decoded = if weights.mean > 0. { modes } else { 1 };
+    if output.futures.dims() != [batch, decoded, t_pred, 2] {
+        let needed = format!("[{batch}, {decoded}, {t_pred}, 2]: in training, pick the nearest mode alone, or all for their mean");
         return Err(GoalError::Shape { name: "futures", found: output.futures.dims().to_vec(), needed });
     }
-    let off = (output.futures.squeeze(1)? - truth)?.abs()?;
+    let flat = output.futures.flatten_from(2)?;
+    let near = if decoded > 1 { rows(&flat, &labels.nearest)? } else { flat.clone() };
+    let off = (near.reshape((batch, t_pred, 2))? - truth)?.abs()?;
     // With c = min(off, 1): c (off - c / 2) is off²/2 below 1 and off - 1/2 above.
     let capped = off.minimum(1f64)?;
     let regression = (&capped * (&off - (&capped * 0.5)?)?)?.mean_all()?;
     let log_probability = candle_nn::ops::log_softmax(&output.logits, D::Minus1)?;
-    let classification = (soft * log_probability)?.sum(D::Minus1)?.mean_all()?.neg()?;
-    let total = ((&regression * (1. - alpha))? + (&classification * alpha)?)?;
-    Ok(GoalLoss { total, regression, classification })
+    let classification = (&labels.soft * &log_probability)?.sum(D::Minus1)?.mean_all()?.neg()?;
+    let paper = ((&regression * (1. - weights.alpha))? + (&classification * weights.alpha)?)?;
+    if weights.mean == 0. {
+        let mean = Tensor::zeros((), truth.dtype(), truth.device())?;
+        return Ok(GoalLoss { total: paper, regression, classification, mean });
+    }
+    let probability = log_probability.exp()?.unsqueeze(1)?;
+    let mean = probability.matmul(&flat)?.reshape((batch, t_pred, 2))?;
+    let mean = (mean - truth)?.sqr()?.mean_all()?;
+    Ok(GoalLoss { total: (paper + (&mean * weights.mean)?)?, regression, classification, mean })
 }
 
 #[cfg(test)]
@@ -193,7 +222,9 @@ mod tests {
         let logits = Var::new(&[[0f32, 0., 0., 0.]], &Device::Cpu).unwrap();
         let truth = Tensor::new(&[[[0f32, 0.], [1., 0.]]], &Device::Cpu).unwrap();
         let soft = Tensor::new(&[[0.7f32, 0.1, 0.1, 0.1]], &Device::Cpu).unwrap();
-        let loss = goal_loss(&output(&futures, &logits), &truth, &soft, 0.2).unwrap();
+        let labels = Labels { soft, nearest: Tensor::new(&[[0u32]], &Device::Cpu).unwrap() };
+        let weights = LossWeights { alpha: 0.2, mean: 0. };
+        let loss = goal_loss(&output(&futures, &logits), &truth, &labels, weights).unwrap();
         let regression = (0.125 + 0. + 1.5 + 0.5) / 4.;
         close(&loss.regression, &[regression]);
         close(&loss.classification, &[4f32.ln()]);
@@ -202,6 +233,29 @@ mod tests {
         close(grads.get(&futures).unwrap(), &[0.8 * 0.5 / 4., 0., 0.8 / 4., -0.8 / 4.]);
         close(grads.get(&logits).unwrap(), &[0.25 - 0.7, 0.15, 0.15, 0.15].map(|g| 0.2 * g));
         let two = futures.broadcast_as((1, 2, 2, 2)).unwrap();
-        assert!(goal_loss(&output(&two, &logits), &truth, &soft, 0.2).unwrap_err().to_string().contains("nearest"));
+        assert!(goal_loss(&output(&two, &logits), &truth, &labels, weights).unwrap_err().to_string().contains("nearest"));
+    }
+    #[test]
+    fn the_mean_of_the_modes_is_learned_by_future_and_by_probability() {
+        // Two modes with a step each, at 1 and at 4 m, as likely as each other; the truth is at 2 m.
+        let futures = Var::new(&[[[[1f32, 0.]], [[4., 0.]]]], &Device::Cpu).unwrap();
+        let logits = Var::new(&[[0f32, 0.]], &Device::Cpu).unwrap();
+        let truth = Tensor::new(&[[[2f32, 0.]]], &Device::Cpu).unwrap();
+        let labels = Labels {
+            soft: Tensor::new(&[[0.5f32, 0.5]], &Device::Cpu).unwrap(),
+            nearest: Tensor::new(&[[0u32]], &Device::Cpu).unwrap(),
+        };
+        let indices = Tensor::new(&[[0u32, 1]], &Device::Cpu).unwrap();
+        let output = GoalOutput { futures: futures.as_tensor().clone(), logits: logits.as_tensor().clone(), indices };
+        let loss = goal_loss(&output, &truth, &labels, LossWeights { alpha: 0., mean: 2. }).unwrap();
+        close(&loss.mean, &[0.25 / 2.]);
+        close(&loss.regression, &[0.5 / 2.]);
+        let grads = loss.mean.backward().unwrap();
+        close(grads.get(&futures).unwrap(), &[0.25, 0., 0.25, 0.]);
+        // d mean / d logit = (m - truth) (f - m) p, with m = 2.5.
+        close(grads.get(&logits).unwrap(), &[-0.375, 0.375]);
+        let one = GoalOutput { futures: output.futures.narrow(1, 0, 1).unwrap(), ..output };
+        let message = goal_loss(&one, &truth, &labels, LossWeights { alpha: 0., mean: 2. }).unwrap_err().to_string();
+        assert!(message.contains("all for their mean"), "{message}");
     }
 }

@@ -12,6 +12,8 @@ pub enum Pick {
     /// The `k` most probable of each window, likeliest first, the lower index among equals; all of
     /// them where there are fewer.
     MostProbable(usize),
+    /// All, in the order of the modes: in training, where their mean is learned.
+    All,
 }
 
 impl Pick {
@@ -26,6 +28,10 @@ impl Pick {
                     Some(index) => Err(GoalError::Mode { index, modes }),
                     None => Ok(indices.clone()),
                 }
+            }
+            Self::All => {
+                let all = Tensor::arange(0u32, modes as u32, logits.device())?;
+                Ok(all.unsqueeze(0)?.broadcast_as((batch, modes))?.contiguous()?)
             }
             Self::MostProbable(k) => {
                 let k = (*k).min(modes);
@@ -62,6 +68,7 @@ mod tests {
         let picked = Pick::MostProbable(3).indices(&logits)?.to_vec2::<u32>()?;
         assert_eq!(picked, [[1, 3, 0], [2, 0, 1]]);
         assert_eq!(Pick::MostProbable(9).indices(&logits)?.dims(), [2, 4]);
+        assert_eq!(Pick::All.indices(&logits)?.to_vec2::<u32>()?, [[0, 1, 2, 3], [0, 1, 2, 3]]);
         Ok(())
     }
 

@@ -205,7 +205,7 @@ fn every_weight_gets_a_gradient_in_one_step() {
             .net
             .forward(&case.observed, &case.neighbours, &case.mask, &case.modes, &pick, Some(&mut dropout))
             .unwrap();
-        let loss = goal_loss(&output, &truth, &labels.soft, 0.2).unwrap();
+        let loss = goal_loss(&output, &truth, &labels, LossWeights { alpha: 0.2, mean: 0. }).unwrap();
         let grads = loss.total.backward().unwrap();
         for (name, var) in case.weights.named() {
             let gradient = values(grads.get(&var).unwrap_or_else(|| panic!("no gradient for {name}")));

@@ -41,6 +41,12 @@ impl<'a> AugmentedView<'a> {
         &self.observation
     }
 
+    /// By how much lengths along the road are multiplied.
+    #[must_use]
+    pub fn longitudinal_scale(&self) -> f32 {
+        self.longitudinal_scale
+    }
+
     /// Whether left and right are exchanged.
     #[must_use]
     pub fn is_mirrored(&self) -> bool {
@@ -53,7 +59,7 @@ impl<'a> AugmentedView<'a> {
         if self.mirrored { TrackState { y: -state.y, vy: -state.vy, ..state } } else { state }
     }
 
-    fn recorded_slot(&self, slot: Slot) -> Slot {
+    pub(crate) fn recorded_slot(&self, slot: Slot) -> Slot {
         if self.mirrored { slot.mirrored() } else { slot }
     }
 
@@ -133,6 +139,12 @@ impl AugmentedNeighbour<'_> {
         let now = self.neighbour.now();
         let [vx, vy] = velocity_of(&self.neighbour, self.seen.observation.shape(), window_s);
         self.seen.turned(TrackState { vx, vy, ..now })
+    }
+
+    /// Number of the vehicle in its file.
+    #[must_use]
+    pub fn vehicle(&self) -> u32 {
+        self.neighbour.vehicle()
     }
 
     /// Length and width, m.

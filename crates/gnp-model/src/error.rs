@@ -44,6 +44,9 @@ pub enum ModelError {
         /// What the system said.
         source: rayon::ThreadPoolBuildError,
     },
+    /// Traffic ahead that cannot be rolled out.
+    #[error("the traffic of a window cannot be rolled out: {0}")]
+    Traffic(#[from] gnp_force::ForceError),
     /// From the recordings and windows.
     #[error(transparent)]
     Data(#[from] gnp_data::DataError),

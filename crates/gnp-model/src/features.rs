@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use candle_core::{Device, Tensor};
+use gnp_baselines::{PlatoonRule, Traffic};
 use gnp_data::{MarkingKind, Observation, SLOTS, Slot, Standardiser, Window, WindowShape};
 use gnp_goal::GoalShape;
 use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
@@ -11,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::augmented_view::AugmentedView;
 use crate::error::ModelError;
 use crate::following;
+use crate::situation::{Following, ReferencePath, Situation};
 
 /// In which quantities the goal network sees motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -18,8 +20,8 @@ use crate::following;
 pub enum Representation {
     /// Positions and velocities in the window's frame, as published.
     Position,
-    /// Deviations from constant velocity: the past of the target, its futures and its modes;
-    /// neighbours relative to the target. Modes then describe manoeuvres instead of speeds.
+    /// Deviations: the past of the target from constant velocity, its futures and modes from the
+    /// [`ReferencePath`]; neighbours relative to the target. Modes then describe manoeuvres instead of speeds.
     Deviation,
 }
 
@@ -29,6 +31,8 @@ pub enum Representation {
 pub struct FeatureConfig {
     /// Quantities the goal network sees.
     pub representation: Representation,
+    /// What futures and modes are deviations from.
+    pub reference: ReferencePath,
     /// Unit of the futures and modes inside the goal network, m.
     pub length_scale: f64,
     /// Seconds of the past over which the velocity at the last observed frame is fitted; 0 takes
@@ -38,8 +42,8 @@ pub struct FeatureConfig {
     /// sees, counted back from the last observed frame; what is left over at its beginning is not
     /// seen. 0 shows every frame, as published.
     pub history_block_s: f64,
-    /// Whether the goal network also gets where a textbook driver (the Intelligent Driver Model)
-    /// would be behind the leader; not published.
+    /// Whether the goal network also gets where the reference path is after 1 to 5 s, or, where that is constant
+    /// velocity, where a textbook driver (the Intelligent Driver Model) would be behind the leader; not published.
     pub car_following_features: bool,
 }
 
@@ -57,6 +61,10 @@ impl FeatureConfig {
         }
         if !(self.history_block_s.is_finite() && self.history_block_s >= 0.) {
             return Err(ModelError::config("features.history_block_s", "must be 0 or a positive number of seconds"));
+        }
+        if self.reference == ReferencePath::Platoon && self.representation == Representation::Position {
+            let problem = "is \"platoon\", from which positions are not deviations: set representation = \"deviation\"";
+            return Err(ModelError::config("features.reference", problem));
         }
         Ok(())
     }
@@ -88,37 +96,65 @@ pub struct GoalInputs {
 pub struct Features {
     config: FeatureConfig,
     shape: WindowShape,
+    /// The car-following rule behind the reference path.
+    platoon: Option<PlatoonRule>,
     observed: Standardiser,
     neighbour: Standardiser,
 }
 
 impl Features {
-    /// Fits the standardisation on `training` windows, which must be of the training part alone.
+    /// Fits the standardisation on `training` windows, which must be of the training part alone, as `platoon` must have
+    /// been; it is used where the reference path is the platoon's.
     ///
     /// # Errors
     /// [`ModelError::Config`] for a bad configuration, [`ModelError::Data`] without any window.
     pub fn fit<'a>(
         config: &FeatureConfig,
         shape: WindowShape,
+        platoon: Option<&PlatoonRule>,
         training: impl Iterator<Item = Observation<'a>> + Clone,
     ) -> Result<Self, ModelError> {
         config.check()?;
-        let config = config.clone();
-        let target = training.clone().map(|o| observed_row(&config, &AugmentedView::recorded(o)));
-        let observed = Standardiser::fit(target)?;
-        let neighbours = training.flat_map(|o| {
-            let seen = AugmentedView::recorded(o);
-            let velocity = seen.velocity(config.velocity_window_s);
-            Slot::ALL.into_iter().filter_map(|slot| neighbour_row(&config, &seen, velocity, slot)).collect::<Vec<_>>()
-        });
-        let mut neighbours = neighbours.peekable();
-        let neighbour = if neighbours.peek().is_some() {
+        let platoon = match (config.reference, platoon) {
+            (ReferencePath::ConstantVelocity, _) => None,
+            (ReferencePath::Platoon, Some(platoon)) => Some(platoon.clone()),
+            (ReferencePath::Platoon, None) => {
+                return Err(ModelError::config("features.reference", "is \"platoon\": fit the rule first"));
+            }
+        };
+        let rows = |o: Observation<'a>| -> Result<_, ModelError> {
+            let situation = situation(config, shape, platoon.as_ref(), AugmentedView::recorded(o))?;
+            let neighbours = Slot::ALL.map(|slot| neighbour_row(config, &situation, slot));
+            Ok((observed_row(config, &situation), neighbours.into_iter().flatten().collect::<Vec<_>>()))
+        };
+        let (mut observed, mut neighbours) = (Vec::new(), Vec::new());
+        for observation in training {
+            let (target, others) = rows(observation)?;
+            observed.push(target);
+            neighbours.extend(others);
+        }
+        let observed = Standardiser::fit(observed)?;
+        let neighbour = if !neighbours.is_empty() {
             Standardiser::fit(neighbours)?
         } else {
             // Nobody ever has a neighbour: one row of zeros leaves features as they are.
-            Standardiser::fit([vec![0f32; neighbour_width(&config, shape)]])?
+            Standardiser::fit([vec![0f32; neighbour_width(config, shape)]])?
         };
-        Ok(Self { config, shape, observed, neighbour })
+        Ok(Self { config: config.clone(), shape, platoon, observed, neighbour })
+    }
+
+    /// The window with what the traffic ahead makes of it.
+    ///
+    /// # Errors
+    /// [`ModelError::Traffic`] for traffic that cannot be, such as speeds above 1000 m/s.
+    pub fn situation<'a>(&self, seen: AugmentedView<'a>) -> Result<Situation<'a>, ModelError> {
+        situation(&self.config, self.shape, self.platoon.as_ref(), seen)
+    }
+
+    /// The car-following rule behind the reference path, where that is the platoon's.
+    #[must_use]
+    pub fn platoon(&self) -> Option<&PlatoonRule> {
+        self.platoon.as_ref()
     }
 
     /// The configuration.
@@ -136,9 +172,10 @@ impl Features {
     /// The frame of modes and futures.
     #[must_use]
     pub fn mode_frame(&self) -> ModeFrame {
-        match self.config.representation {
-            Representation::Position => ModeFrame::Position,
-            Representation::Deviation => ModeFrame::Deviation,
+        match (self.config.representation, self.config.reference) {
+            (Representation::Position, _) => ModeFrame::Position,
+            (_, ReferencePath::ConstantVelocity) => ModeFrame::Deviation,
+            (_, ReferencePath::Platoon) => ModeFrame::PlatoonDeviation,
         }
     }
 
@@ -157,19 +194,18 @@ impl Features {
     ///
     /// # Errors
     /// [`ModelError::Shape`] when a window has another shape than these features, candle's errors.
-    pub fn goal_inputs(&self, seen: &[AugmentedView<'_>], device: &Device) -> Result<GoalInputs, ModelError> {
+    pub fn goal_inputs(&self, situations: &[Situation<'_>], device: &Device) -> Result<GoalInputs, ModelError> {
         let (fo, fn_) = (self.observed.features(), self.neighbour.features());
-        let mut observed = Vec::with_capacity(seen.len() * fo);
-        let mut neighbours = vec![0f32; seen.len() * SLOTS * fn_];
-        let mut mask = vec![0f32; seen.len() * SLOTS];
-        for (b, seen) in seen.iter().enumerate() {
-            self.check_shape(seen.observation())?;
-            let mut row = observed_row(&self.config, seen);
+        let mut observed = Vec::with_capacity(situations.len() * fo);
+        let mut neighbours = vec![0f32; situations.len() * SLOTS * fn_];
+        let mut mask = vec![0f32; situations.len() * SLOTS];
+        for (b, situation) in situations.iter().enumerate() {
+            self.check_shape(situation.seen.observation())?;
+            let mut row = observed_row(&self.config, situation);
             self.observed.apply(&mut row)?;
             observed.extend_from_slice(&row);
-            let velocity = seen.velocity(self.config.velocity_window_s);
             for slot in Slot::ALL {
-                if let Some(mut row) = neighbour_row(&self.config, seen, velocity, slot) {
+                if let Some(mut row) = neighbour_row(&self.config, situation, slot) {
                     self.neighbour.apply(&mut row)?;
                     let at = b * SLOTS + slot.index();
                     neighbours[at * fn_..(at + 1) * fn_].copy_from_slice(&row);
@@ -177,7 +213,7 @@ impl Features {
                 }
             }
         }
-        let b = seen.len();
+        let b = situations.len();
         Ok(GoalInputs {
             observed: Tensor::from_vec(observed, (b, fo), device)?,
             neighbours: Tensor::from_vec(neighbours, (b, SLOTS, fn_), device)?,
@@ -187,23 +223,28 @@ impl Features {
 
     /// The true future of a window in the modes' frame, `[t_pred, 2]`, m.
     #[must_use]
-    pub fn future(&self, seen: &AugmentedView<'_>, window: &Window<'_>) -> Vec<f32> {
+    pub fn future(&self, situation: &Situation<'_>, window: &Window<'_>) -> Vec<f32> {
         let truth = window.truth();
         let path: Vec<f32> = (0..self.shape.t_pred)
             .flat_map(|j| {
-                let state = seen.true_target(&truth, j);
+                let state = situation.seen.true_target(&truth, j);
                 [state.x, state.y]
             })
             .collect();
-        to_mode_frame(&path, &self.reference(seen), self.mode_frame())
+        to_mode_frame(&path, &self.reference(situation))
     }
 
     /// True futures in the modes' frame and in units of `length_scale`, `[batch, t_pred, 2]`.
     ///
     /// # Errors
     /// Those of candle.
-    pub fn futures(&self, windows: &[(AugmentedView<'_>, Window<'_>)], device: &Device) -> Result<Tensor, ModelError> {
-        let all: Vec<f32> = windows.iter().flat_map(|(seen, window)| self.future(seen, window)).collect();
+    pub fn futures(
+        &self,
+        situations: &[Situation<'_>],
+        windows: &[Window<'_>],
+        device: &Device,
+    ) -> Result<Tensor, ModelError> {
+        let all: Vec<f32> = situations.iter().zip(windows).flat_map(|(it, window)| self.future(it, window)).collect();
         self.scaled(all, windows.len(), device)
     }
 
@@ -217,8 +258,8 @@ impl Features {
 
     /// A path of the goal network, `[t_pred, 2]` in the modes' frame and m, in the window's frame.
     #[must_use]
-    pub fn to_window_frame(&self, seen: &AugmentedView<'_>, path: &[f32]) -> Vec<[f32; 2]> {
-        let path = from_mode_frame(path, &self.reference(seen), self.mode_frame());
+    pub fn to_window_frame(&self, situation: &Situation<'_>, path: &[f32]) -> Vec<[f32; 2]> {
+        let path = from_mode_frame(path, &self.reference(situation));
         path.chunks_exact(2).map(|p| [p[0], p[1]]).collect()
     }
 
@@ -236,18 +277,40 @@ impl Features {
         if self.shape.fits(&found) { Ok(()) } else { Err(ModelError::Shape { needs: self.shape, found }) }
     }
 
-    /// From where the modes' frame sets out.
-    fn reference(&self, seen: &AugmentedView<'_>) -> Reference {
-        let velocity = seen.velocity(self.config.velocity_window_s);
-        Reference { origin: [0.; 2], heading: 0., velocity, dt: self.shape.dt() as f32 }
+    /// What the modes' frame subtracts.
+    fn reference(&self, situation: &Situation<'_>) -> Reference {
+        let steps = self.shape.t_pred;
+        let way = match self.mode_frame() {
+            ModeFrame::Position => Vec::new(),
+            ModeFrame::Deviation => {
+                Reference::constant_velocity(situation.velocity, self.shape.dt() as f32, steps)
+            }
+            ModeFrame::PlatoonDeviation => (1..=steps).map(|step| situation.reference(step)).collect(),
+        };
+        Reference { origin: [0.; 2], heading: 0., way }
     }
 }
 
+fn situation<'a>(
+    config: &FeatureConfig,
+    shape: WindowShape,
+    platoon: Option<&PlatoonRule>,
+    seen: AugmentedView<'a>,
+) -> Result<Situation<'a>, ModelError> {
+    let [vx, vy] = seen.velocity(config.velocity_window_s);
+    let Some(platoon) = platoon else { return Ok(Situation { seen, velocity: [vx, vy], platoon: None }) };
+    let observation = seen.observation();
+    let traffic = platoon.traffic(observation).scaled(f64::from(seen.longitudinal_scale()));
+    let motion = platoon.roll_out(observation.site(), &traffic, &shape)?;
+    let velocity = [motion.speed(Traffic::TARGET, 0) as f32, vy];
+    Ok(Situation { seen, velocity, platoon: Some(Following { traffic, motion }) })
+}
+
 /// Features of the target, before standardising.
-fn observed_row(config: &FeatureConfig, seen: &AugmentedView<'_>) -> Vec<f32> {
+fn observed_row(config: &FeatureConfig, situation: &Situation<'_>) -> Vec<f32> {
+    let (seen, velocity) = (&situation.seen, situation.velocity);
     let shape = seen.observation().shape();
     let mut row = Vec::with_capacity(4 * shape.t_obs + 8 + following::SECONDS);
-    let velocity = seen.velocity(config.velocity_window_s);
     for block in config.blocks(shape) {
         row.extend(mean(block, |i| {
             let state = seen.target(i);
@@ -269,7 +332,7 @@ fn observed_row(config: &FeatureConfig, seen: &AugmentedView<'_>) -> Vec<f32> {
         row.extend(nearest_lines(seen));
     }
     if config.car_following_features {
-        row.extend(following::hint(seen, config.velocity_window_s));
+        row.extend(following::hint(situation, config.velocity_window_s));
     }
     row
 }
@@ -304,7 +367,8 @@ fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
 }
 
 /// Features of the neighbour in `slot`, before standardising; zeros in steps without it.
-fn neighbour_row(config: &FeatureConfig, seen: &AugmentedView<'_>, velocity: [f32; 2], slot: Slot) -> Option<Vec<f32>> {
+fn neighbour_row(config: &FeatureConfig, situation: &Situation<'_>, slot: Slot) -> Option<Vec<f32>> {
+    let (seen, velocity) = (&situation.seen, situation.velocity);
     let neighbour = seen.neighbour(slot)?;
     let shape = seen.observation().shape();
     let mut row = Vec::with_capacity(neighbour_width(config, shape));
@@ -338,6 +402,7 @@ mod tests {
         let representation = Representation::Deviation;
         let config = FeatureConfig {
             representation,
+            reference: ReferencePath::ConstantVelocity,
             length_scale: 5.,
             velocity_window_s: 0.5,
             history_block_s,

@@ -1,9 +1,9 @@
-//! What a textbook driver would do behind the leader, as a hint to the goal network.
+//! What following the traffic ahead makes of the next seconds, as a hint to the goal network.
 
 use gnp_baselines::{Idm, Leader};
 use gnp_data::Slot;
 
-use crate::augmented_view::AugmentedView;
+use crate::situation::Situation;
 
 /// Numbers in the hint: one a second, 1 to 5 s ahead.
 pub(crate) const SECONDS: usize = 5;
@@ -11,18 +11,27 @@ pub(crate) const SECONDS: usize = 5;
 /// Steps of a second. The hint is smooth: finer steps change it by centimetres.
 const STEPS: usize = 5;
 
-/// How far ahead of constant velocity the Intelligent Driver Model would be after 1 to 5 s, m;
-/// speeds are fitted over `window_s` seconds of the past. Zeros where no vehicle is ahead: whether the
-/// road is empty there is not known.
+/// How far ahead of constant velocity the platoon's path is after 1 to 5 s, m; without one, how far the Intelligent
+/// Driver Model with textbook parameters would be behind one leader at constant velocity. Speeds of the latter are fitted
+/// over `window_s` seconds of the past, and there are zeros where no vehicle is ahead: whether the road is empty there is
+/// not known.
 ///
 /// Following a leader is most of what happens on a full motorway. Given as five numbers it is
 /// learned from few windows, where from the bare tracks of both it takes many.
-pub(crate) fn hint(seen: &AugmentedView<'_>, window_s: f64) -> [f32; SECONDS] {
+pub(crate) fn hint(situation: &Situation<'_>, window_s: f64) -> [f32; SECONDS] {
+    let seen = &situation.seen;
+    if situation.platoon.is_some() {
+        let shape = seen.observation().shape();
+        return std::array::from_fn(|second| {
+            let step = (((second + 1) as f64 * shape.rate_hz).round() as usize).min(shape.t_pred);
+            situation.reference(step)[0] - situation.velocity[0] * (step as f64 * shape.dt()) as f32
+        });
+    }
     let Some(ahead) = seen.neighbour(Slot::Preceding) else { return [0.; SECONDS] };
     let now = ahead.now(window_s);
     let bodies = (ahead.size()[0] + seen.observation().size()[0]) / 2.;
     let leader = Leader { speed: f64::from(now.vx).max(0.), gap: f64::from(now.x - bodies) };
-    behind(f64::from(seen.velocity(window_s)[0]), leader).map(|ahead| ahead as f32)
+    behind(f64::from(situation.velocity[0]), leader).map(|ahead| ahead as f32)
 }
 
 /// How far a driver of speed `own` (m/s) gets ahead of that speed in 1 to 5 s, m, behind a leader

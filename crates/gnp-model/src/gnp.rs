@@ -12,14 +12,17 @@ use gnp_data::{
 use gnp_goal::GoalNet;
 use gnp_modes::Modes;
 use gnp_traj::{Arity, ForceTerm, Phase, RollOut, RollOutBatch, SocialForce, TermRollOut};
+use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::augmented_view::AugmentedView;
 use crate::checkpoint::{Checkpoint, Component, Header};
 use crate::error::ModelError;
 use crate::features::Features;
+use crate::contributions;
 use crate::scene::NeighbourFuture;
 use crate::select::{Selection, medoids};
+use crate::situation::{ReferencePath, Situation};
 
 /// A trained GNP. A clone is cheap and shares the networks.
 ///
@@ -107,6 +110,19 @@ impl Gnp {
         let header = goal.header.clone();
         let features = header.features.clone();
         let missing = |key| ModelError::config(key, "is missing in the checkpoint's header: train again");
+        let platoon = features.config().reference == ReferencePath::Platoon;
+        match neighbours {
+            NeighbourFuture::Joint if platoon => {
+                let problem = "is \"joint\": with features.reference = \"platoon\" vehicles follow each other already; \
+                               take \"platoon\"";
+                return Err(ModelError::config("predict.neighbours", problem));
+            }
+            NeighbourFuture::Platoon if !platoon => {
+                let problem = "is \"platoon\": that needs features.reference = \"platoon\", in training too";
+                return Err(ModelError::config("predict.neighbours", problem));
+            }
+            _ => {}
+        }
         if modes.t_pred != header.shape.t_pred || modes.frame != features.mode_frame() {
             return Err(ModelError::config("modes", "do not have the goal network's frames: cluster and train again"));
         }
@@ -225,9 +241,9 @@ impl Gnp {
         TrueGoal { gnp: self.clone() }
     }
 
-    pub(crate) fn goals(&self, seen: &[AugmentedView<'_>], k: usize) -> Result<Goals, ModelError> {
+    pub(crate) fn goals(&self, situations: &[Situation<'_>], k: usize) -> Result<Goals, ModelError> {
         let Trained { features, modes, centres, goal, device, .. } = &*self.trained;
-        let inputs = features.goal_inputs(seen, device)?;
+        let inputs = features.goal_inputs(situations, device)?;
         let k = k.min(modes.len()).max(1);
         let decoded = match self.selection {
             Selection::MostProbable => k,
@@ -239,7 +255,7 @@ impl Gnp {
         let mut out = Goals { futures: Vec::new(), probabilities: Vec::new() };
         let path = 2 * features.shape().t_pred;
         let by_window = futures.chunks_exact(path * decoded).zip(goals.probabilities.to_vec2::<f32>()?);
-        for (seen, (paths, probabilities)) in seen.iter().zip(by_window) {
+        for (situation, (paths, probabilities)) in situations.iter().zip(by_window) {
             let picked = match self.selection {
                 Selection::MostProbable => probabilities.into_iter().enumerate().collect(),
                 Selection::Medoids => {
@@ -248,7 +264,7 @@ impl Gnp {
                     medoids(&ends, &probabilities, k)
                 }
             };
-            let future = |mode: usize| features.to_window_frame(seen, &paths[mode * path..(mode + 1) * path]);
+            let future = |mode: usize| features.to_window_frame(situation, &paths[mode * path..(mode + 1) * path]);
             out.futures.push(picked.iter().map(|(mode, _)| future(*mode)).collect());
             out.probabilities.push(picked.into_iter().map(|(_, probability)| probability).collect());
         }
@@ -265,10 +281,15 @@ impl Gnp {
             return Ok(Vec::new());
         }
         self.on_threads(|| {
-            let seen: Vec<AugmentedView<'_>> = observations.iter().map(|o| AugmentedView::recorded(*o)).collect();
-            let goals = self.goals(&seen, k)?;
-            self.drive(&seen, &goals, truths)
+            let situations = self.situations(observations)?;
+            let goals = self.goals(&situations, k)?;
+            self.drive(&situations, &goals, truths)
         })
+    }
+
+    pub(crate) fn situations<'a>(&self, observations: &[Observation<'a>]) -> Result<Vec<Situation<'a>>, ModelError> {
+        let features = &self.trained.features;
+        observations.par_iter().map(|o| features.situation(AugmentedView::recorded(*o))).collect()
     }
 
     /// Does `work` on the predictor's own threads, where it has some.
@@ -282,7 +303,7 @@ impl Gnp {
     /// Paths to goals, with the forces of every step where they are asked for.
     fn drive(
         &self,
-        seen: &[AugmentedView<'_>],
+        situations: &[Situation<'_>],
         goals: &Goals,
         truths: Option<&[Truth<'_>]>,
     ) -> Result<Vec<Forecast>, ModelError> {
@@ -290,14 +311,21 @@ impl Gnp {
         let Some((force, phase)) = force else { return Ok(plain(goals.clone())) };
         let ends = end_points(goals, device)?;
         let scene = match (truths, self.neighbours) {
-            (None, NeighbourFuture::Joint) => self.joint_scene(seen, ends)?,
-            _ => features.scene(seen, ends, truths, device)?,
+            (None, NeighbourFuture::Joint) => self.joint_scene(situations, ends)?,
+            (_, neighbours) => features.scene(situations, ends, neighbours, truths, device)?,
         };
         if self.explain {
             let out = force.roll_out_explained(&scene, *phase)?;
-            explained(&out, &scene, goals)
+            let path = features.to_road(situations, &out.path)?;
+            let mut forecasts = explained(&path, &out, &scene, goals)?;
+            let integrator = force.config().integrator;
+            for (situation, forecast) in situations.iter().zip(&mut forecasts) {
+                contributions::add(situation, features.platoon(), integrator, forecast)?;
+            }
+            Ok(forecasts)
         } else {
-            let path = force.roll_out(&scene, *phase)?.flatten_all()?.to_vec1::<f32>()?;
+            let path = features.to_road(situations, &force.roll_out(&scene, *phase)?)?;
+            let path = path.flatten_all()?.to_vec1::<f32>()?;
             let steps = scene.steps;
             let mut points = path.chunks_exact(2).map(|p| [p[0], p[1]]);
             Ok(goals
@@ -348,9 +376,14 @@ fn plain(goals: Goals) -> Vec<Forecast> {
 }
 
 /// Forecasts with the forces of every step, from the roll-out's tensors.
-fn explained(out: &RollOut, batch: &RollOutBatch, goals: &Goals) -> Result<Vec<Forecast>, ModelError> {
+fn explained(
+    path: &Tensor,
+    out: &RollOut,
+    batch: &RollOutBatch,
+    goals: &Goals,
+) -> Result<Vec<Forecast>, ModelError> {
     let flat = |tensor: &Tensor| -> Result<Vec<f32>, ModelError> { Ok(tensor.flatten_all()?.to_vec1::<f32>()?) };
-    let path: Vec<[f32; 2]> = pairs(&flat(&out.path)?);
+    let path: Vec<[f32; 2]> = pairs(&flat(path)?);
     let mut terms = Vec::with_capacity(out.terms.len());
     for TermRollOut { term, forces, parameters, .. } in &out.terms {
         let (forces, sources) = (pairs(&flat(forces)?), forces.dim(3)?);
@@ -388,6 +421,7 @@ fn explained(out: &RollOut, batch: &RollOutBatch, goals: &Goals) -> Result<Vec<F
                 explanation: Some(Explanation {
                     goal: future.last().copied().unwrap_or_default(),
                     terms: terms.collect(),
+                    ..Explanation::default()
                 }),
                 path: path[steps.clone()].to_vec(),
             });
@@ -433,8 +467,8 @@ impl Predictor for GoalHead {
         if observations.is_empty() {
             return Ok(Vec::new());
         }
-        let seen: Vec<AugmentedView<'_>> = observations.iter().map(|o| AugmentedView::recorded(*o)).collect();
-        self.gnp.on_threads(|| self.gnp.goals(&seen, k)).map(plain).map_err(|e| predict_error(self.name(), e))
+        let goals = || self.gnp.goals(&self.gnp.situations(observations)?, k);
+        self.gnp.on_threads(goals).map(plain).map_err(|e| predict_error(self.name(), e))
     }
 }
 
@@ -468,8 +502,7 @@ impl OraclePredictor for TrueGoal {
     }
 
     fn predict_with_future(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
-        let seen: Vec<AugmentedView<'_>> =
-            windows.iter().map(|window| AugmentedView::recorded(window.observation())).collect();
+        let observations: Vec<_> = windows.iter().map(Window::observation).collect();
         // The force uses the last point alone; without one the way there is straight.
         let straight = |window: &Window<'_>| {
             let ([x, y], steps) = (window.truth().goal(), self.gnp.shape().t_pred);
@@ -481,6 +514,7 @@ impl OraclePredictor for TrueGoal {
         if windows.is_empty() {
             return Ok(Vec::new());
         }
-        self.gnp.on_threads(|| self.gnp.drive(&seen, &goals, None)).map_err(|e| predict_error(self.name(), e))
+        let drive = || self.gnp.drive(&self.gnp.situations(&observations)?, &goals, None);
+        self.gnp.on_threads(drive).map_err(|e| predict_error(self.name(), e))
     }
 }

@@ -6,9 +6,10 @@ use candle_core::{D, Tensor};
 use gnp_data::{Neighbour, Observation, SLOTS, TrackState};
 use gnp_traj::{NeighbourStates, RollOutBatch};
 
-use crate::augmented_view::{AugmentedView, velocity_of};
+use crate::augmented_view::velocity_of;
 use crate::error::ModelError;
 use crate::gnp::{Gnp, end_points};
+use crate::situation::Situation;
 
 /// The vehicles of the carriageways that a batch of windows looks at, one row each.
 struct Crowd<'a> {
@@ -31,14 +32,14 @@ struct Late<'a> {
 type Place = (String, usize, u32);
 
 impl<'a> Crowd<'a> {
-    fn around(seen: &[AugmentedView<'a>]) -> Self {
+    fn around(situations: &[Situation<'a>]) -> Self {
         let mut rows: BTreeMap<Place, usize> = BTreeMap::new();
         let mut known: Vec<Observation<'a>> = Vec::new();
         let place = |o: &Observation<'_>, track| (o.recording_name().to_owned(), track, o.frame());
         let mut met: Vec<Late<'a>> = Vec::new();
         let mut late: BTreeMap<Place, usize> = BTreeMap::new();
-        for seen in seen {
-            let target = *seen.observation();
+        for situation in situations {
+            let target = *situation.view().observation();
             let others = target.others().collect::<Vec<_>>();
             let whole = others.iter().filter_map(Neighbour::observation);
             for observation in std::iter::once(target).chain(whole) {
@@ -71,14 +72,14 @@ impl Gnp {
     /// towards its own likeliest goal and pushed by the others. The target's own alternatives
     /// (`ends` `[batch, k, 2]`) are then driven among these paths: they do not react to the less
     /// likely ones. Vehicles without a whole observed past keep their velocity.
-    pub(crate) fn joint_scene(&self, seen: &[AugmentedView<'_>], ends: Tensor) -> Result<RollOutBatch, ModelError> {
-        let crowd = Crowd::around(seen);
+    pub(crate) fn joint_scene(&self, situations: &[Situation<'_>], ends: Tensor) -> Result<RollOutBatch, ModelError> {
+        let crowd = Crowd::around(situations);
         let paths = self.joint_paths(&crowd)?;
         let t_pred = self.shape().t_pred;
-        let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
+        let mut futures = vec![0f32; situations.len() * t_pred * SLOTS * 4];
         let rows: BTreeMap<_, _> = crowd.known.iter().enumerate().map(|(row, o)| (o.key(), row)).collect();
-        for (b, seen) in seen.iter().enumerate() {
-            let own = seen.observation();
+        for (b, situation) in situations.iter().enumerate() {
+            let own = situation.view().observation();
             let Some(&row) = rows.get(&own.key()) else { continue };
             for slot in 0..SLOTS {
                 let Some(other) = crowd.slots[row][slot] else { continue };
@@ -91,16 +92,16 @@ impl Gnp {
                 }
             }
         }
-        let futures = Tensor::from_vec(futures, (seen.len(), t_pred, SLOTS, 4), &self.trained.device)?;
-        self.trained.features.scene_among(seen, ends, NeighbourStates::Given(futures), &self.trained.device)
+        let futures = Tensor::from_vec(futures, (situations.len(), t_pred, SLOTS, 4), &self.trained.device)?;
+        self.trained.features.scene_among(situations, ends, NeighbourStates::Given(futures), &self.trained.device)
     }
 
     /// States of every vehicle of the crowd when each step sets out, row by row, in its own frame.
     fn joint_paths(&self, crowd: &Crowd<'_>) -> Result<Vec<TrackState>, ModelError> {
         let Some((force, phase)) = &self.trained.force else { return Ok(Vec::new()) };
         let (known, t_pred) = (crowd.known.len(), self.shape().t_pred);
-        let seen: Vec<AugmentedView<'_>> = crowd.known.iter().map(|o| AugmentedView::recorded(*o)).collect();
-        let ends = end_points(&self.goals(&seen, 1)?, &self.trained.device)?;
+        let situations = self.situations(&crowd.known)?;
+        let ends = end_points(&self.goals(&situations, 1)?, &self.trained.device)?;
         let total = known + crowd.late.len();
         let mut index = vec![0u32; total * SLOTS];
         let mut offset = vec![0f32; total * SLOTS * 2];
@@ -119,7 +120,7 @@ impl Gnp {
             index: Tensor::from_vec(index, (total, SLOTS), &self.trained.device)?,
             offset: Tensor::from_vec(offset, (total, SLOTS, 2), &self.trained.device)?,
         };
-        let mut scene = self.trained.features.scene_among(&seen, ends, states, &self.trained.device)?;
+        let mut scene = self.trained.features.scene_among(&situations, ends, states, &self.trained.device)?;
         let present = Tensor::from_vec(present, (total, SLOTS), &self.trained.device)?;
         if let Some(neighbours) = &mut scene.neighbours {
             neighbours.present = present;

@@ -6,6 +6,7 @@
 
 mod augmented_view;
 mod checkpoint;
+mod contributions;
 mod error;
 mod features;
 mod following;
@@ -13,6 +14,7 @@ mod gnp;
 mod joint;
 mod scene;
 mod select;
+mod situation;
 
 pub use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
 pub use crate::checkpoint::{Checkpoint, Component, Header};
@@ -21,4 +23,5 @@ pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation};
 pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
 pub use crate::scene::{NeighbourFuture, NeighbourInput};
 pub use crate::select::Selection;
+pub use crate::situation::{ReferencePath, Situation};
 pub use candle_core::Device;

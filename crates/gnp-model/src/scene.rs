@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::augmented_view::AugmentedView;
 use crate::error::ModelError;
 use crate::features::Features;
+use crate::situation::Situation;
 
 /// Where a predictor takes its neighbours' future from while the target is driven into its own: from
 /// the past alone. The recorded future is no choice here, because a [`Predictor`](gnp_data::Predictor)
@@ -16,6 +17,8 @@ use crate::features::Features;
 pub enum NeighbourFuture {
     /// Each goes on with its last observed velocity.
     ConstantVelocity,
+    /// Each follows the column ahead of it, as the platoon that the model's reference path is made of.
+    Platoon,
     /// Every vehicle of the carriageway is rolled out together towards its own likeliest goal.
     Joint,
 }
@@ -27,6 +30,8 @@ pub enum NeighbourFuture {
 pub enum NeighbourInput {
     /// [`NeighbourFuture::ConstantVelocity`].
     ConstantVelocity,
+    /// [`NeighbourFuture::Platoon`]; needs `features.reference = "platoon"`.
+    Platoon,
     /// [`NeighbourFuture::Joint`]; trained at constant velocity.
     Joint,
     /// Where they were recorded: an input that nobody has at prediction time. Reproduces the
@@ -41,6 +46,7 @@ impl NeighbourInput {
     pub fn name(self) -> &'static str {
         match self {
             Self::ConstantVelocity => "constant_velocity",
+            Self::Platoon => "platoon",
             Self::Joint => "joint",
             Self::Oracle => "oracle",
         }
@@ -51,6 +57,7 @@ impl NeighbourInput {
     pub fn without_future(self) -> NeighbourFuture {
         match self {
             Self::ConstantVelocity | Self::Oracle => NeighbourFuture::ConstantVelocity,
+            Self::Platoon => NeighbourFuture::Platoon,
             Self::Joint => NeighbourFuture::Joint,
         }
     }
@@ -64,72 +71,105 @@ impl NeighbourInput {
 
 impl Features {
     /// The scene of each window with `goals` `[batch, k, 2]` (m, window frame). Neighbours follow
-    /// the truth where `truths` are given (oracle), constant velocity otherwise.
+    /// the truth where `truths` are given (oracle), and otherwise what `neighbours` says; what is rolled out
+    /// together beforehand ([`NeighbourFuture::Joint`]) counts as constant velocity here.
+    ///
+    /// Where the reference path is the platoon's, the scene is in a frame that moves with the target of that path along
+    /// the road: [`Features::to_road`] leads back.
     ///
     /// # Errors
     /// [`ModelError::Shape`] when a window has another shape, candle's errors.
     pub fn scene(
         &self,
-        seen: &[AugmentedView<'_>],
+        situations: &[Situation<'_>],
         goals: Tensor,
+        neighbours: NeighbourFuture,
         truths: Option<&[Truth<'_>]>,
         device: &Device,
     ) -> Result<RollOutBatch, ModelError> {
         let t_pred = self.shape().t_pred;
-        let mut futures = vec![0f32; seen.len() * t_pred * SLOTS * 4];
-        for (b, seen) in seen.iter().enumerate() {
+        let mut futures = vec![0f32; situations.len() * t_pred * SLOTS * 4];
+        let window = self.config().velocity_window_s;
+        for (b, situation) in situations.iter().enumerate() {
+            let seen = &situation.seen;
             for slot in Slot::ALL {
-                let place = |j: usize| ((b * t_pred + j) * SLOTS + slot.index()) * 4;
+                let mut put = |j: usize, s: [f32; 4]| {
+                    let [x, vx] = situation.frame(j);
+                    let at = ((b * t_pred + j) * SLOTS + slot.index()) * 4;
+                    futures[at..at + 4].copy_from_slice(&[s[0] - x, s[1], s[2] - vx, s[3]]);
+                };
                 match truths {
-                    Some(truths) => self.recorded_future(seen, &truths[b], slot, |j, s| {
-                        futures[place(j)..place(j) + 4].copy_from_slice(&s);
-                    }),
-                    None => self.straight_future(seen, slot, |j, s| {
-                        futures[place(j)..place(j) + 4].copy_from_slice(&s);
-                    }),
+                    Some(truths) => self.recorded_future(seen, &truths[b], slot, put),
+                    None if neighbours == NeighbourFuture::Platoon => {
+                        for j in 0..t_pred {
+                            let Some(s) = situation.following_neighbour(slot, j, window) else { break };
+                            put(j, [s.x, s.y, s.vx, s.vy]);
+                        }
+                    }
+                    None => self.straight_future(seen, slot, put),
                 }
             }
         }
-        let futures = Tensor::from_vec(futures, (seen.len(), t_pred, SLOTS, 4), device)?;
-        self.scene_among(seen, goals, NeighbourStates::Given(futures), device)
+        let futures = Tensor::from_vec(futures, (situations.len(), t_pred, SLOTS, 4), device)?;
+        self.scene_among(situations, goals, NeighbourStates::Given(futures), device)
     }
 
-    /// The scene of each window with neighbours as given.
+    /// The scene of each window with neighbours as given, in the frame of [`Features::scene`].
     ///
     /// # Errors
     /// As [`Features::scene`].
     pub fn scene_among(
         &self,
-        seen: &[AugmentedView<'_>],
+        situations: &[Situation<'_>],
         goals: Tensor,
         neighbours: NeighbourStates,
         device: &Device,
     ) -> Result<RollOutBatch, ModelError> {
         let shape = self.shape();
-        let window = self.config().velocity_window_s;
-        let mut observed = Vec::with_capacity(seen.len() * shape.t_obs * 4);
-        let mut mask = Vec::with_capacity(seen.len() * SLOTS);
-        for seen in seen {
+        let mut observed = Vec::with_capacity(situations.len() * shape.t_obs * 4);
+        let mut mask = Vec::with_capacity(situations.len() * SLOTS);
+        for situation in situations {
+            let seen = &situation.seen;
             self.check_shape(seen.observation())?;
+            let [_, speed] = situation.frame(0);
             for i in 0..shape.t_obs {
+                // Before it sets out the frame has the speed that it sets out with.
+                let ago = (shape.t_obs - 1 - i) as f32 * shape.dt() as f32;
                 let state = seen.target(i);
-                observed.extend([state.x, state.y, state.vx, state.vy]);
+                observed.extend([state.x + speed * ago, state.y, state.vx - speed, state.vy]);
             }
             // The roll-out starts from this velocity: one frame's difference would be noise.
-            let velocity = seen.velocity(window);
+            let [vx, vy] = situation.velocity;
             let end = observed.len();
-            observed[end - 2..].copy_from_slice(&velocity);
+            observed[end - 2..].copy_from_slice(&[vx - speed, vy]);
             mask.extend(Slot::ALL.map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
         }
-        let b = seen.len();
+        let b = situations.len();
+        let (_, k, _) = goals.dims3()?;
+        let shift: Vec<f32> = situations.iter().flat_map(|it| [it.frame(shape.t_pred)[0], 0.]).collect();
+        let shift = Tensor::from_vec(shift, (b, 1, 2), device)?.broadcast_as((b, k, 2))?;
         Ok(RollOutBatch {
             observed: Tensor::from_vec(observed, (b, shape.t_obs, 4), device)?,
-            goals,
+            goals: (goals - shift)?,
             neighbours: Some(Neighbours { states: neighbours, present: Tensor::from_vec(mask, (b, SLOTS), device)? }),
-            lines: Some(lines(seen, device)?),
+            lines: Some(lines(situations, device)?),
             dt: shape.dt(),
             steps: shape.t_pred,
         })
+    }
+
+    /// Adds the way of the moving frame to paths `[batch, k, steps, 2]` that were rolled out in it, m, window frame.
+    ///
+    /// # Errors
+    /// Those of candle.
+    pub fn to_road(&self, situations: &[Situation<'_>], path: &Tensor) -> Result<Tensor, ModelError> {
+        if situations.iter().all(|it| it.platoon.is_none()) {
+            return Ok(path.clone());
+        }
+        let steps = self.shape().t_pred;
+        let way: Vec<f32> =
+            situations.iter().flat_map(|it| (1..=steps).flat_map(|step| [it.frame(step)[0], 0.])).collect();
+        Ok(path.broadcast_add(&Tensor::from_vec(way, (situations.len(), 1, steps, 2), path.device())?)?)
     }
 
     /// States of the neighbour in `slot` at constant velocity; entry `j` is where it is when step `j`
@@ -165,10 +205,10 @@ impl Features {
 }
 
 /// Lane lines, padded to the most that any window has.
-fn lines(seen: &[AugmentedView<'_>], device: &Device) -> Result<Lines, ModelError> {
-    let all: Vec<_> = seen.iter().map(AugmentedView::lines).collect();
+fn lines(situations: &[Situation<'_>], device: &Device) -> Result<Lines, ModelError> {
+    let all: Vec<_> = situations.iter().map(|it| it.seen.lines()).collect();
     let most = all.iter().map(Vec::len).max().unwrap_or(0).max(1);
-    let (mut lines, mut present) = (vec![0f32; seen.len() * most * 3], vec![0f32; seen.len() * most]);
+    let (mut lines, mut present) = (vec![0f32; all.len() * most * 3], vec![0f32; all.len() * most]);
     for (b, window) in all.iter().enumerate() {
         for (m, line) in window.iter().enumerate() {
             let at = b * most + m;
@@ -181,7 +221,7 @@ fn lines(seen: &[AugmentedView<'_>], device: &Device) -> Result<Lines, ModelErro
             lines[3 * at..3 * at + 3].copy_from_slice(&[line.y, kind, side]);
         }
     }
-    let b = seen.len();
+    let b = all.len();
     Ok(Lines {
         lines: Tensor::from_vec(lines, (b, most, 3), device)?,
         present: Tensor::from_vec(present, (b, most), device)?,

@@ -49,7 +49,7 @@ fn forecast() -> Forecast {
     let mode = |probability| Mode {
         probability,
         path: vec![[1., 0.], [2., 0.5]],
-        explanation: Some(Explanation { goal: [2., 0.5], terms: Vec::new() }),
+        explanation: Some(Explanation { goal: [2., 0.5], ..Explanation::default() }),
     };
     Forecast { modes: vec![mode(0.75), mode(0.25)] }
 }

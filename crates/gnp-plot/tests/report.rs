@@ -38,7 +38,11 @@ fn clip() -> Clip {
     let mode = |probability, side: f32| Mode {
         probability,
         path: (1..=50).map(|j| [2. * j as f32, 0.01 * side * j as f32]).collect(),
-        explanation: (side > 0.).then(|| Explanation { goal: [100., 0.5], terms: terms.clone() }),
+        explanation: (side > 0.).then(|| Explanation {
+            goal: [100., 0.5],
+            terms: terms.clone(),
+            ..Explanation::default()
+        }),
     };
     let vehicle = |id: u32, x: f32, y: f32, class| {
         let centre = |i: u32| [x + 2. * i as f32, y];

@@ -6,11 +6,12 @@ use std::cell::OnceCell;
 use std::path::Path;
 
 use gnp_data::{Recording, Split, WindowSet};
-use gnp_model::{Features, Gnp};
+use gnp_model::{Features, Gnp, ReferencePath};
 
 use crate::config::RunConfig;
 use crate::data::ingest::IngestSummary;
 use crate::error::{Result, bail};
+use crate::evaluation::rules;
 use crate::machine::Machine;
 use crate::run::folder::{RunFolder, RunState, Stage};
 
@@ -124,7 +125,11 @@ impl Run {
     pub(crate) fn features<'a>(&'a self, set: &WindowSet<'a>) -> Result<(Split, Features)> {
         let split = self.split(set)?;
         let training = split.train().iter().filter_map(|id| set.get(*id)).map(|window| window.observation());
-        let features = Features::fit(&self.config.features, set.shape(), training)?;
+        let platoon = match self.config.features.reference {
+            ReferencePath::Platoon => Some(rules::platoon(self)?),
+            ReferencePath::ConstantVelocity => None,
+        };
+        let features = Features::fit(&self.config.features, set.shape(), platoon.as_ref(), training)?;
         Ok((split, features))
     }
 

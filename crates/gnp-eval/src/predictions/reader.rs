@@ -234,7 +234,7 @@ impl Content {
             terms.push(TermForces::new(Arc::clone(descriptor), sources, forces, parameters).with_totals(totals));
         }
         let goal = of(&|part| matches!(part, Part::Goal { .. }));
-        (!terms.is_empty()).then(|| Explanation { goal: [goal[0], goal[1]], terms })
+        (!terms.is_empty()).then(|| Explanation { goal: [goal[0], goal[1]], terms, ..Explanation::default() })
     }
 }
 

@@ -44,7 +44,11 @@ fn explanation(steps: usize, start: f32, terms: &[Arc<TermDescriptor>]) -> Expla
         let totals = (0..steps).map(|j| if sources == 1 { [base(j), -base(j)] } else { [base(j), 0.5] }).collect();
         TermForces::new(Arc::clone(term), sources, forces, parameters.collect()).with_totals(totals)
     };
-    Explanation { goal: [start, 2. * start], terms: terms.iter().enumerate().map(term).collect() }
+    Explanation {
+        goal: [start, 2. * start],
+        terms: terms.iter().enumerate().map(term).collect(),
+        ..Explanation::default()
+    }
 }
 
 fn samples(explained: bool) -> Vec<Prediction> {

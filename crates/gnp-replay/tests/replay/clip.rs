@@ -84,5 +84,5 @@ fn explanation() -> Explanation {
         term("neighbours", 8, each(|j| [-0.5, 0.125 * j]), values(8, |j, slot| 10. * slot + j)),
         term("lines", 3, each(|_| [0., -0.75]), values(3, |j, line| 3. + line + j)),
     ];
-    Explanation { goal: [7., 0.7], terms }
+    Explanation { goal: [7., 0.7], terms, ..Explanation::default() }
 }

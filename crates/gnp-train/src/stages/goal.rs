@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor, Var};
 use gnp_data::Window;
-use gnp_goal::{GoalLoss, GoalNet, LabelConfig, Pick, goal_loss, labels};
-use gnp_model::{AugmentedView, Features, GoalInputs};
+use gnp_goal::{GoalLoss, GoalNet, LabelConfig, LossWeights, Pick, goal_loss, labels};
+use gnp_model::{AugmentedView, Features, GoalInputs, Situation};
 use gnp_modes::Modes;
 use gnp_nn::{Dropout, Weights};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
@@ -26,6 +27,8 @@ const LOOKED_AT: usize = 6;
 pub struct GoalTraining {
     /// Weight of the probabilities against the future in the loss; 0.2 in the paper.
     pub alpha: f64,
+    /// Weight of the squared error of the mean of all modes beside them; 0 as published.
+    pub mean_weight: f64,
     /// How a future is shared out over the modes.
     pub labels: LabelConfig,
     /// Share of the training windows that are seen with left and right exchanged; 0 as published.
@@ -45,6 +48,10 @@ impl GoalTraining {
             let remedy = "give a weight between 0 and 1; the paper's is 0.2";
             return Err(TrainError::Config { key: "alpha", value: self.alpha.to_string(), remedy });
         }
+        if !(self.mean_weight.is_finite() && self.mean_weight >= 0.) {
+            let remedy = "give 0 (as published) or a positive weight";
+            return Err(TrainError::Config { key: "mean_weight", value: self.mean_weight.to_string(), remedy });
+        }
         self.labels.check()?;
         self.augment().check()
     }
@@ -57,7 +64,7 @@ impl GoalTraining {
 /// Trains a [`GoalNet`]: the mode nearest to the truth is decoded and compared with it, the
 /// probabilities against soft labels (GNP paper, section on mode-level goal prediction).
 ///
-/// Its validation scores are `loss`, `regression` and `classification` as in training but without
+/// Its validation scores are `loss`, `regression`, `classification` and `mean` as in training but without
 /// dropout, and in m the errors at the last frame of the likeliest goal, `fde`, and of the best of
 /// the six likeliest, `min_fde_6`.
 #[derive(Debug)]
@@ -106,15 +113,18 @@ impl<'a> GoalStage<'a> {
         windows: &[(AugmentedView<'_>, Window<'_>)],
         dropout: Option<&mut Dropout>,
     ) -> Result<(GoalLoss, GoalInputs, Tensor), TrainError> {
-        let seen: Vec<AugmentedView<'_>> = windows.iter().map(|(seen, _)| *seen).collect();
-        let inputs = self.features.goal_inputs(&seen, self.device())?;
-        let truth = self.features.futures(windows, self.device())?;
+        let situations: Vec<Situation<'_>> =
+            windows.par_iter().map(|(seen, _)| self.features.situation(*seen)).collect::<Result<_, _>>()?;
+        let windows: Vec<Window<'_>> = windows.iter().map(|(_, window)| *window).collect();
+        let inputs = self.features.goal_inputs(&situations, self.device())?;
+        let truth = self.features.futures(&situations, &windows, self.device())?;
         let [scaled, metres] = &self.centres;
         let labels = labels(&(&truth * self.features.config().length_scale)?, metres, &self.config.labels)?;
         let GoalInputs { observed, neighbours, mask } = &inputs;
-        let pick = Pick::Indices(labels.nearest);
+        let weights = LossWeights { alpha: self.config.alpha, mean: self.config.mean_weight };
+        let pick = if weights.mean > 0. { Pick::All } else { Pick::Indices(labels.nearest.clone()) };
         let output = self.net.forward(observed, neighbours, mask, scaled, &pick, dropout)?;
-        let loss = goal_loss(&output, &truth, &labels.soft, self.config.alpha)?;
+        let loss = goal_loss(&output, &truth, &labels, weights)?;
         Ok((loss, inputs, truth))
     }
 }
@@ -168,6 +178,7 @@ impl Stage for GoalStage<'_> {
         let whole = |mean: &Tensor| Ok::<_, TrainError>(f64::from(mean.to_scalar::<f32>()?) * count as f64);
         let losses = [("loss", whole(&loss.total)?), ("regression", whole(&loss.regression)?)];
         let more = [("classification", whole(&loss.classification)?), ("fde", fde), ("min_fde_6", min_fde)];
-        Ok(BatchTotals::new(count, losses.into_iter().chain(more)))
+        let mean = (self.config.mean_weight > 0.).then(|| whole(&loss.mean)).transpose()?.map(|mean| ("mean", mean));
+        Ok(BatchTotals::new(count, losses.into_iter().chain(more).chain(mean)))
     }
 }

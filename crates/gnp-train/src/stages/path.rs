@@ -5,11 +5,12 @@ use std::f64::consts::TAU;
 
 use candle_core::{Device, Tensor, Var};
 use gnp_data::{Truth, Window};
-use gnp_model::{AugmentedView, Features, NeighbourInput};
+use gnp_model::{AugmentedView, Features, NeighbourFuture, NeighbourInput, Situation};
 use gnp_nn::Weights;
 use gnp_traj::{Phase, SocialForce};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
@@ -65,6 +66,7 @@ pub struct PathStage<'a> {
     train: Windows<'a>,
     validation: Windows<'a>,
     uses_future: bool,
+    neighbours: NeighbourFuture,
     config: &'a PathTraining,
 }
 
@@ -82,14 +84,14 @@ impl<'a> PathStage<'a> {
     ) -> Result<Self, TrainError> {
         config.check()?;
         let (name, phase, uses_future) = ("attraction", Phase::Attraction, false);
-        let weights = weights.clone();
-        Ok(Self { name, phase, force, weights, features, train, validation, uses_future, config })
+        let (weights, neighbours) = (weights.clone(), NeighbourFuture::ConstantVelocity);
+        Ok(Self { name, phase, force, weights, features, train, validation, uses_future, neighbours, config })
     }
 
     /// The repulsion of `force`, whose attraction is trained. `neighbours` says where the
-    /// neighbours are: on recorded paths for [`NeighbourInput::Oracle`], at constant velocity for the
-    /// other two, because vehicles that react to each other need each other's forces, which are not
-    /// trained yet.
+    /// neighbours are: on recorded paths for [`NeighbourInput::Oracle`], behind their own leaders for
+    /// [`NeighbourInput::Platoon`], at constant velocity for the other two, because vehicles that react to each
+    /// other need each other's forces, which are not trained yet.
     ///
     /// # Errors
     /// When the configuration is refused.
@@ -103,8 +105,8 @@ impl<'a> PathStage<'a> {
     ) -> Result<Self, TrainError> {
         config.check()?;
         let (name, phase, uses_future) = ("repulsion", Phase::Repulsion, neighbours.uses_future());
-        let weights = weights.clone();
-        Ok(Self { name, phase, force, weights, features, train, validation, uses_future, config })
+        let (weights, neighbours) = (weights.clone(), neighbours.without_future());
+        Ok(Self { name, phase, force, weights, features, train, validation, uses_future, neighbours, config })
     }
 
     fn device(&self) -> &Device {
@@ -126,12 +128,13 @@ impl<'a> PathStage<'a> {
             goals.extend([goal.x + off[0], goal.y + off[1]]);
         }
         let goals = Tensor::from_vec(goals, (batch, 1, 2), self.device())?;
-        let seen: Vec<AugmentedView<'_>> = windows.iter().map(|(seen, _)| *seen).collect();
+        let situations: Vec<Situation<'_>> =
+            windows.par_iter().map(|(seen, _)| self.features.situation(*seen)).collect::<Result<_, _>>()?;
         let truths: Option<Vec<Truth<'_>>> =
             self.uses_future.then(|| windows.iter().map(|(_, window)| window.truth()).collect());
-        let scene = self.features.scene(&seen, goals, truths.as_deref(), self.device())?;
-        let path = self.force.roll_out(&scene, self.phase)?.squeeze(1)?;
-        Ok([path, Tensor::from_vec(truth, (batch, t_pred, 2), self.device())?])
+        let scene = self.features.scene(&situations, goals, self.neighbours, truths.as_deref(), self.device())?;
+        let path = self.features.to_road(&situations, &self.force.roll_out(&scene, self.phase)?)?;
+        Ok([path.squeeze(1)?, Tensor::from_vec(truth, (batch, t_pred, 2), self.device())?])
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use gnp_baselines::{Parameters, RULES, Rule};
+use gnp_baselines::{Parameters, PlatoonParameters, PlatoonRule, RULES, Rule};
 use gnp_data::Window;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +37,18 @@ pub(crate) fn systems(run: &Run) -> Result<Vec<System>> {
         Ok(System::boxed(rule.name(), predictor))
     };
     RULES.iter().map(system).collect()
+}
+
+/// The car-following rule as fitted to the run's training windows.
+///
+/// # Errors
+/// As [`systems`].
+pub(crate) fn platoon(run: &Run) -> Result<PlatoonRule> {
+    let fitted = fitted(run)?;
+    let parameters = fitted.rules.get(PlatoonRule::NAME).cloned().unwrap_or_default();
+    let parameters = PlatoonParameters::deserialize(parameters);
+    let cannot = || run.folder.path(FILE).display().to_string();
+    Ok(PlatoonRule::new(parameters.with_context(cannot)?).with_context(cannot)?)
 }
 
 fn fitted(run: &Run) -> Result<Fitted> {

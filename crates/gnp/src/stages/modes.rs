@@ -49,10 +49,14 @@ pub(super) fn find(run: &mut Run) -> Result<()> {
     let (split, features) = run.features(&set)?;
     let mut futures = Vec::with_capacity(split.train().len() * 2 * set.shape().t_pred);
     for window in split.train().iter().filter_map(|id| set.get(*id)) {
-        futures.extend(features.future(&AugmentedView::recorded(window.observation()), &window));
+        let mut add = |seen| -> Result<()> {
+            futures.extend(features.future(&features.situation(seen)?, &window));
+            Ok(())
+        };
+        add(AugmentedView::recorded(window.observation()))?;
         // A network that learns from mirrored windows needs modes for them, too.
         if run.config.goal.loss.mirror > 0. {
-            futures.extend(features.future(&AugmentedView::mirrored(window.observation()), &window));
+            add(AugmentedView::mirrored(window.observation()))?;
         }
     }
     let modes = fit(&futures, set.shape().t_pred, features.mode_frame(), &run.config.modes)?;

@@ -1,0 +1,319 @@
+//! The column of vehicles ahead, rolled out together: the rule that a prediction must beat.
+
+mod fit;
+mod traffic;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use gnp_data::{Forecast, Mode, Observation, PredictError, Predictor, WindowShape};
+use gnp_force::{
+    CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, TermDescriptor, free_acceleration, interaction,
+};
+use serde::{Deserialize, Serialize};
+
+pub use self::traffic::{DEPTH, SeenVehicle, Traffic};
+use self::traffic::Spans;
+use crate::motion::{BaselineError, periods, velocity};
+use crate::rule::{Rule, parameters, parsed};
+
+const NAME: &str = PlatoonRule::NAME;
+
+/// Drivers are fitted by site.
+pub(crate) const RULE: Rule = Rule::new(
+    NAME,
+    "The column of vehicles ahead drives together as the Intelligent Driver Model says; what each does beyond it dies away.",
+    |training| parameters(NAME, &fit::fit(training)?),
+    |of| Ok(Box::new(PlatoonRule::new(parsed(NAME, of)?)?)),
+);
+
+/// Time over which speeds are estimated, s.
+const SPEED_SPAN_S: f64 = 0.8;
+/// Time over which accelerations are estimated, s.
+const ACCELERATION_SPAN_S: f64 = 1.;
+/// No acceleration is believed to be larger, m/s².
+const MOST_ACCELERATION: f64 = 3.;
+/// Below this speed a time gap says nothing, m/s.
+const LEAST_SPEED: f64 = 3.;
+/// Time gaps that drivers keep, s.
+const TIME_GAPS: [f64; 2] = [0.3, 3.];
+/// Time in which a speed sideways dies away to 1/e, s.
+const SETTLING_S: f64 = 0.5;
+
+/// How the drivers of a site follow.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drivers {
+    /// Time gap that all have in common, s.
+    pub time_gap: f64,
+    /// Share of a driver's own present time gap in the one he keeps, 0 to 1; the rest is the common one.
+    pub own_gap: f64,
+    /// Acceleration of a standing vehicle on an empty road, m/s².
+    pub acceleration: f64,
+    /// Comfortable braking, m/s².
+    pub braking: f64,
+    /// Gap at standstill, bumper to bumper, m.
+    pub standstill_gap: f64,
+    /// Speed on an empty road, m/s.
+    pub desired_speed: f64,
+    /// Standard deviation of what drivers do beyond the rule, m/s²: an acceleration that is measured worse than that
+    /// counts for little.
+    pub habit: f64,
+    /// Time in which that dies away to 1/e, s.
+    pub decay: f64,
+}
+
+/// The drivers of one site, or of all: what was fitted, to how much, and how well it is known.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FittedDrivers {
+    /// The parameters.
+    pub drivers: Drivers,
+    /// Their 95 % intervals, by name, for those that are fitted; vehicles count as independent, windows of one do not.
+    pub intervals: BTreeMap<String, [f64; 2]>,
+    /// Windows that they were fitted to.
+    pub windows: usize,
+    /// Vehicles of these windows.
+    pub vehicles: usize,
+}
+
+/// Parameters of the platoon.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlatoonParameters {
+    /// For sites that have no drivers of their own.
+    pub pooled: FittedDrivers,
+    /// By site.
+    pub sites: BTreeMap<String, FittedDrivers>,
+}
+
+impl Drivers {
+    /// What is typical of full motorways; what is not fitted stays like this.
+    pub const TYPICAL: Self = Self {
+        time_gap: 0.8,
+        own_gap: 0.6,
+        acceleration: 0.7,
+        braking: 1.2,
+        standstill_gap: 2.,
+        desired_speed: 30.,
+        habit: 0.07,
+        decay: 5.,
+    };
+
+    fn check(&self) -> Result<(), BaselineError> {
+        let typical = Self::TYPICAL;
+        let all = [
+            ("time_gap", self.time_gap, typical.time_gap),
+            ("acceleration", self.acceleration, typical.acceleration),
+            ("braking", self.braking, typical.braking),
+            ("standstill_gap", self.standstill_gap, typical.standstill_gap),
+            ("desired_speed", self.desired_speed, typical.desired_speed),
+            ("habit", self.habit, typical.habit),
+            ("decay", self.decay, typical.decay),
+        ];
+        match all.into_iter().find(|(_, value, _)| !(value.is_finite() && *value > 0.)) {
+            Some((key, value, default)) => Err(BaselineError::Parameter { key, value, default }),
+            None if !(0. ..=1.).contains(&self.own_gap) => {
+                Err(BaselineError::Parameter { key: "own_gap", value: self.own_gap, default: typical.own_gap })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Every vehicle of the column ahead follows the next one as the Intelligent Driver Model says, all at once, and stays in
+/// its lane; see [`gnp_force::Platoon`].
+///
+/// A driver's time gap is blended from the common one and the one he keeps now. What he does now beyond the rule goes on
+/// and dies away, as far as it can be told from noise: of the difference between his measured acceleration and the rule's,
+/// the share `h² / (h² + se²)` with `h` the spread of such differences among drivers ([`Drivers::habit`]) and `se` the
+/// standard error of the measurement. A vehicle with nobody ahead keeps its speed but for that.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct PlatoonRule {
+    parameters: PlatoonParameters,
+}
+
+/// Traffic as it moves under the rule.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Motion {
+    steps: usize,
+    /// Position (m) and speed (m/s) of each vehicle as the roll-out sets out.
+    start: Vec<[f64; 2]>,
+    platoon: gnp_force::Platoon<f64>,
+}
+
+impl Motion {
+    /// Centre of the vehicle at `place` after `step` steps, m; after the last one beyond it.
+    #[must_use]
+    pub fn position(&self, place: usize, step: usize) -> f64 {
+        self.state(place, step, self.platoon.positions(), 0)
+    }
+
+    /// Its speed then, m/s.
+    #[must_use]
+    pub fn speed(&self, place: usize, step: usize) -> f64 {
+        self.state(place, step, self.platoon.speeds(), 1)
+    }
+
+    fn state(&self, place: usize, step: usize, values: &[f64], which: usize) -> f64 {
+        match step.min(self.steps).checked_sub(1) {
+            None => self.start[place][which],
+            Some(step) => values[place * self.steps + step],
+        }
+    }
+
+    /// What accelerates the target in `step`, m/s²: free road, interaction with the leader, habit.
+    #[must_use]
+    pub fn acceleration(&self, step: usize) -> [f64; 3] {
+        [self.platoon.free(), self.platoon.interaction(), self.platoon.habit()]
+            .map(|part| part.get(step).copied().unwrap_or_default())
+    }
+}
+
+impl PlatoonRule {
+    /// Its name in tables and files.
+    pub const NAME: &str = "platoon";
+
+    /// Drivers with `parameters`.
+    ///
+    /// # Errors
+    /// When a parameter is not a positive number, or a share not between 0 and 1.
+    pub fn new(parameters: PlatoonParameters) -> Result<Self, BaselineError> {
+        parameters.pooled.drivers.check()?;
+        parameters.sites.values().try_for_each(|site| site.drivers.check())?;
+        Ok(Self { parameters })
+    }
+
+    /// One kind of drivers for every site.
+    ///
+    /// # Errors
+    /// As [`PlatoonRule::new`].
+    pub fn of_drivers(drivers: Drivers) -> Result<Self, BaselineError> {
+        let pooled = FittedDrivers { drivers, intervals: BTreeMap::new(), windows: 0, vehicles: 0 };
+        Self::new(PlatoonParameters { pooled, sites: BTreeMap::new() })
+    }
+
+    /// Fits drivers to training windows, by site where a site has enough of them.
+    ///
+    /// # Errors
+    /// [`BaselineError::NoWindows`], [`BaselineError::Shapes`] for windows of several shapes.
+    pub fn fit(training: &[gnp_data::Window<'_>]) -> Result<Self, BaselineError> {
+        Self::new(fit::fit(training)?)
+    }
+
+    /// The parameters.
+    #[must_use]
+    pub fn parameters(&self) -> &PlatoonParameters {
+        &self.parameters
+    }
+
+    /// The drivers of a site.
+    #[must_use]
+    pub fn drivers(&self, site: &str) -> &Drivers {
+        &self.parameters.sites.get(site).unwrap_or(&self.parameters.pooled).drivers
+    }
+
+    /// The terms of [`Motion::acceleration`], in its order.
+    #[must_use]
+    pub fn terms() -> [Arc<TermDescriptor>; 3] {
+        let (free, following): (&dyn ForceTerm<f64>, &dyn ForceTerm<f64>) = (&FreeRoad, &CarFollowing);
+        let habit = TermDescriptor::new("habit", gnp_force::Arity::One, "#8c6d31")
+            .means("habit", "what the driver does now beyond car following, dying away");
+        [free.descriptor().clone(), following.descriptor().clone(), habit].map(Arc::new)
+    }
+
+    /// What an observation shows of the traffic ahead of its target and of its neighbours.
+    #[must_use]
+    pub fn traffic(&self, observation: &Observation<'_>) -> Traffic {
+        Traffic::of(observation, spans(observation.shape()))
+    }
+
+    /// Rolls traffic out over the predicted frames of `shape` with the drivers of `site`.
+    ///
+    /// # Errors
+    /// [`ForceError`] for traffic that cannot be, such as speeds above 1000 m/s.
+    pub fn roll_out(&self, site: &str, traffic: &Traffic, shape: &WindowShape) -> Result<Motion, ForceError> {
+        let mut motion = Motion::default();
+        let drivers = self.drivers(site);
+        roll_out(drivers, traffic.vehicles(), shape, &mut Vec::new(), &mut motion)?;
+        Ok(motion)
+    }
+}
+
+fn spans(shape: WindowShape) -> Spans {
+    let of = |seconds: f64| ((seconds * shape.rate_hz).round() as usize).clamp(1, shape.t_obs.saturating_sub(1).max(1));
+    Spans { speed: of(SPEED_SPAN_S), acceleration: of(ACCELERATION_SPAN_S) }
+}
+
+/// Rolls `vehicles` out into `motion`; `followers` is room to work in.
+fn roll_out(
+    drivers: &Drivers,
+    vehicles: &[SeenVehicle],
+    shape: &WindowShape,
+    followers: &mut Vec<Follower<f64>>,
+    motion: &mut Motion,
+) -> Result<(), ForceError> {
+    let believed = |it: &SeenVehicle| drivers.habit.powi(2) / (drivers.habit.powi(2) + it.variance);
+    let measured = |it: &SeenVehicle| it.acceleration.clamp(-MOST_ACCELERATION, MOST_ACCELERATION);
+    followers.clear();
+    followers.extend(vehicles.iter().map(|it| Follower {
+        position: it.position,
+        // From the middle of its span to its end.
+        speed: (it.speed + believed(it) * measured(it) * SPEED_SPAN_S / 2.).max(0.),
+        length: it.length,
+        leader: it.leader,
+        driver: Driver {
+            desired_speed: drivers.desired_speed,
+            time_gap: drivers.time_gap,
+            standstill_gap: drivers.standstill_gap,
+            acceleration: drivers.acceleration,
+            braking: drivers.braking,
+        },
+        habit: 0.,
+    }));
+    for (i, it) in vehicles.iter().enumerate() {
+        let mut rule = 0.;
+        if let Some(leader) = it.leader {
+            let ahead = followers[leader];
+            let Follower { position, speed, length, ref mut driver, .. } = followers[i];
+            let (distance, body) = (ahead.position - position, (ahead.length + length) / 2.);
+            let own = (distance - body - drivers.standstill_gap) / speed.max(LEAST_SPEED);
+            driver.time_gap += drivers.own_gap * (own.clamp(TIME_GAPS[0], TIME_GAPS[1]) - driver.time_gap);
+            followers[i].driver = *driver;
+            let driver = followers[i].driver;
+            rule = free_acceleration(speed, &driver) + interaction(distance, body, speed, ahead.speed, &driver);
+        }
+        followers[i].habit = believed(it) * (measured(it) - rule);
+    }
+    motion.steps = shape.t_pred;
+    motion.start.clear();
+    motion.start.extend(followers.iter().map(|it| [it.position, it.speed]));
+    motion.platoon.roll_out_into(followers, shape.dt(), shape.t_pred, drivers.decay)
+}
+
+impl Predictor for PlatoonRule {
+    fn name(&self) -> &str {
+        NAME
+    }
+
+    fn predict(&self, observations: &[Observation<'_>], _k: usize) -> Result<Vec<Forecast>, PredictError> {
+        let predict = |observation: &Observation<'_>| {
+            let shape = observation.shape();
+            let [_, vy] = velocity(observation, periods(NAME, shape, crate::ConstantVelocity::SPAN_S, 1)?);
+            let motion = self
+                .roll_out(observation.site(), &self.traffic(observation), &shape)
+                .map_err(|source| PredictError::Model { model: NAME.to_owned(), source: Box::new(source) })?;
+            let at = |step: usize| [motion.position(Traffic::TARGET, step), lateral(vy, step as f64 * shape.dt())];
+            let path = (1..=shape.t_pred).map(|step| at(step).map(|value| value as f32)).collect();
+            Ok(Forecast { modes: vec![Mode { probability: 1., path, explanation: None }] })
+        };
+        observations.iter().map(predict).collect()
+    }
+}
+
+/// How far a lateral speed `vy` (m/s) that dies away has carried after `time` s, m.
+#[must_use]
+pub fn lateral(vy: f64, time: f64) -> f64 {
+    vy * SETTLING_S * (1. - (-time / SETTLING_S).exp())
+}

@@ -1,0 +1,268 @@
+//! The vehicles of a window that matter to each other along the road: the column ahead of the target and of each neighbour.
+
+use gnp_data::{Leader, Observation, SLOTS, Slot, TrackState};
+
+use crate::motion::slope;
+
+/// Leaders looked up ahead of a vehicle; more bring nothing that can be measured in 5 s.
+pub const DEPTH: usize = 4;
+
+/// What an observation shows of the traffic that a target and its neighbours follow.
+///
+/// Positions and speeds are along the road, in the target's window frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Traffic {
+    /// The target first.
+    pub(crate) vehicles: Vec<SeenVehicle>,
+    /// Vehicle in each neighbour slot.
+    pub(crate) slots: [Option<usize>; SLOTS],
+}
+
+/// A vehicle as it was seen at the last observed frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenVehicle {
+    /// Number of the vehicle in its file.
+    pub vehicle: u32,
+    /// Centre along the road, m.
+    pub position: f64,
+    /// Speed forward, m/s, as the slope of a straight line: that of the middle of its span, where the vehicle accelerates.
+    pub speed: f64,
+    /// Acceleration forward, m/s²; 0 where too little was seen.
+    pub acceleration: f64,
+    /// Variance of the acceleration as an estimate, m²/s⁴; infinite where too little was seen.
+    pub variance: f64,
+    /// Length, m.
+    pub length: f64,
+    /// Vehicle that it follows, by its place in the list.
+    pub leader: Option<usize>,
+}
+
+/// Over which past motion is estimated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Spans {
+    /// Frame periods of the speed.
+    pub(crate) speed: usize,
+    /// Frame periods of the acceleration.
+    pub(crate) acceleration: usize,
+}
+
+impl Traffic {
+    /// Place of the target.
+    pub const TARGET: usize = 0;
+
+    /// The target's column and those of its neighbours, each of up to [`DEPTH`] leaders.
+    pub(crate) fn of(observation: &Observation<'_>, spans: Spans) -> Self {
+        let mut gathering = Gathering { observation, spans, vehicles: Vec::new(), followed: Vec::new() };
+        let shape = observation.shape();
+        let own = |i| Some(observation.target(i));
+        let target = seen(u32::MAX, own, shape.t_obs, shape.dt(), f64::from(observation.size()[0]), spans);
+        let target = gathering.add(SeenVehicle { vehicle: observation.key().vehicle, ..target });
+        gathering.follow(target, observation.leader());
+        let slots = Slot::ALL.map(|slot| {
+            let neighbour = observation.neighbour(slot)?;
+            let place = gathering.place(neighbour.vehicle()).unwrap_or_else(|| {
+                let state = |i| neighbour.state(i);
+                let size = f64::from(neighbour.size()[0]);
+                gathering.add(seen(neighbour.vehicle(), state, shape.t_obs, shape.dt(), size, spans))
+            });
+            gathering.follow(place, neighbour.leader());
+            Some(place)
+        });
+        Self { vehicles: gathering.vehicles, slots }
+    }
+
+    /// The vehicles, the target first.
+    #[must_use]
+    pub fn vehicles(&self) -> &[SeenVehicle] {
+        &self.vehicles
+    }
+
+    /// The vehicles ahead of the target in its lane, nearest first.
+    pub fn column(&self) -> impl Iterator<Item = &SeenVehicle> {
+        self.ahead_of(0).map(|place| &self.vehicles[place])
+    }
+
+    /// Places of the vehicles ahead of the one at `place`, nearest first.
+    pub(crate) fn ahead_of(&self, place: usize) -> impl Iterator<Item = usize> {
+        let leader = |place: usize| self.vehicles.get(place).and_then(|it| it.leader);
+        std::iter::successors(leader(place), move |place| leader(*place)).take(DEPTH)
+    }
+
+    /// Place of the vehicle in a neighbour slot.
+    #[must_use]
+    pub fn place(&self, slot: Slot) -> Option<usize> {
+        self.slots[slot.index()]
+    }
+
+    /// The vehicles ahead of the one in a neighbour slot, nearest first.
+    pub fn column_of(&self, slot: Slot) -> impl Iterator<Item = &SeenVehicle> {
+        self.slots[slot.index()].into_iter().flat_map(|place| self.ahead_of(place)).map(|place| &self.vehicles[place])
+    }
+
+    /// The same traffic with everything along the road but the bodies multiplied by `factor`.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        for it in &mut self.vehicles {
+            it.position *= factor;
+            it.speed *= factor;
+            it.acceleration *= factor;
+            it.variance *= factor * factor;
+        }
+        self
+    }
+
+    /// The target and its column alone.
+    pub(crate) fn target_alone(self) -> Self {
+        let places: Vec<usize> = std::iter::once(Self::TARGET).chain(self.ahead_of(Self::TARGET)).collect();
+        let moved = |place: usize| places.iter().position(|it| *it == place);
+        let vehicles =
+            places.iter().map(|place| self.vehicles[*place]).map(|it| SeenVehicle { leader: it.leader.and_then(moved), ..it });
+        Self { vehicles: vehicles.collect(), slots: [None; SLOTS] }
+    }
+
+    /// The same traffic as if the `count` nearest vehicles ahead of the target were not there: it follows the next one.
+    #[must_use]
+    pub fn without_nearest(&self, count: usize) -> Self {
+        let next = if count == 0 { self.vehicles[0].leader } else { self.ahead_of(0).nth(count) };
+        let mut changed = self.clone();
+        changed.vehicles[0].leader = next;
+        changed
+    }
+}
+
+/// Traffic being gathered.
+struct Gathering<'a, 'b> {
+    observation: &'b Observation<'a>,
+    spans: Spans,
+    vehicles: Vec<SeenVehicle>,
+    /// Whether it is known whom the vehicle follows.
+    followed: Vec<bool>,
+}
+
+impl<'a> Gathering<'a, '_> {
+    fn add(&mut self, it: SeenVehicle) -> usize {
+        self.vehicles.push(it);
+        self.followed.push(false);
+        self.vehicles.len() - 1
+    }
+
+    fn place(&self, vehicle: u32) -> Option<usize> {
+        self.vehicles.iter().position(|it| it.vehicle == vehicle)
+    }
+
+    /// Adds the column from `leader` on, ahead of the vehicle at `place`.
+    fn follow(&mut self, mut place: usize, mut leader: Option<Leader<'a>>) {
+        let shape = self.observation.shape();
+        for _ in 0..DEPTH {
+            if !self.followed[place] {
+                self.followed[place] = true;
+                self.vehicles[place].leader = leader.as_ref().map(|leader| {
+                    self.place(leader.vehicle()).unwrap_or_else(|| {
+                        let (state, size) = (|i| leader.state(i), f64::from(leader.size()[0]));
+                        self.add(seen(leader.vehicle(), state, shape.t_obs, shape.dt(), size, self.spans))
+                    })
+                });
+            }
+            let (Some(next), Some(ahead)) = (self.vehicles[place].leader, leader) else { return };
+            (place, leader) = (next, ahead.leader());
+        }
+    }
+}
+
+/// A vehicle from its states by observed frame; over fewer frames where it was not there in all.
+///
+/// The speed is that of a straight line, the acceleration that of a parabola, by least squares.
+fn seen(
+    vehicle: u32,
+    state: impl Fn(usize) -> Option<TrackState>,
+    t_obs: usize,
+    dt: f64,
+    length: f64,
+    spans: Spans,
+) -> SeenVehicle {
+    let most = spans.speed.max(spans.acceleration);
+    // Latest first.
+    let back = (0..=most).map_while(|back| state(t_obs.checked_sub(1 + back)?));
+    let x: Vec<f64> = back.map(|state| f64::from(state.x)).collect();
+    let now = state(t_obs.saturating_sub(1)).unwrap_or_default();
+    let over = |periods: usize| x[..x.len().min(periods + 1)].iter().rev().copied();
+    let speed = if x.len() < 2 { f64::from(now.vx) } else { slope(over(spans.speed)) / dt };
+    let (acceleration, variance) =
+        if x.len() < LEAST { (0., f64::INFINITY) } else { curvature(over(spans.acceleration), dt) };
+    SeenVehicle { vehicle, position: f64::from(now.x), speed, acceleration, variance, length, leader: None }
+}
+
+/// Positions without which no acceleration is told from noise.
+const LEAST: usize = 5;
+
+/// Second derivative of the parabola through values `dt` apart, and its variance as the residuals tell it.
+fn curvature(values: impl ExactSizeIterator<Item = f64> + Clone, dt: f64) -> (f64, f64) {
+    let count = values.len() as f64;
+    let time = |i: usize| i as f64 - (count - 1.) / 2.;
+    // Around the middle of the stretch 1, t and t² less its mean are orthogonal: three sums, no system.
+    let mean_square = (count * count - 1.) / 12.;
+    let (mut sum, mut linear, mut quadratic, mut squares, mut fourths) = (0., 0., 0., 0., 0.);
+    for (i, value) in values.clone().enumerate() {
+        let q = time(i).powi(2) - mean_square;
+        sum += value;
+        linear += time(i) * value;
+        quadratic += q * value;
+        squares += time(i).powi(2);
+        fourths += q * q;
+    }
+    let (mean, slope, bend) = (sum / count, linear / squares, quadratic / fourths);
+    let off = |(i, value): (usize, f64)| value - mean - slope * time(i) - bend * (time(i).powi(2) - mean_square);
+    let residual: f64 = values.enumerate().map(|it| off(it).powi(2)).sum::<f64>() / (count - 3.);
+    (2. * bend / (dt * dt), 4. * residual / fourths / dt.powi(4))
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    #[test]
+    fn a_parabola_has_its_own_curvature_without_any_doubt() {
+        let values: Vec<f64> = (0..9).map(|i| 3. + 2. * f64::from(i) - 0.25 * f64::from(i * i)).collect();
+        let (acceleration, variance) = curvature(values.iter().copied(), 0.5);
+        assert!((acceleration + 2.).abs() < 1e-12 && variance < 1e-20, "{acceleration} {variance}");
+    }
+
+    /// Of many noisy parabolas, the spread of the estimates is what each of them states.
+    #[test]
+    fn the_variance_is_the_spread_of_estimates() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let noisy = |rng: &mut ChaCha8Rng| -> Vec<f64> {
+            (0..11).map(|i| 0.01 * f64::from(i * i) + 0.1 * (rng.random::<f64>() - 0.5)).collect()
+        };
+        let found: Vec<(f64, f64)> = (0..4000).map(|_| curvature(noisy(&mut rng).into_iter(), 0.1)).collect();
+        let mean = found.iter().map(|it| it.0).sum::<f64>() / 4000.;
+        let spread = found.iter().map(|it| (it.0 - mean).powi(2)).sum::<f64>() / 4000.;
+        let stated = found.iter().map(|it| it.1).sum::<f64>() / 4000.;
+        assert!((mean - 2.).abs() < 0.05 && (stated / spread - 1.).abs() < 0.1, "{mean} {spread} {stated}");
+    }
+
+    #[test]
+    fn without_the_nearest_the_next_is_followed() {
+        let vehicle = |vehicle, leader| SeenVehicle {
+            vehicle,
+            position: f64::from(vehicle) * 20.,
+            speed: 10.,
+            acceleration: 0.,
+            variance: 0.,
+            length: 5.,
+            leader,
+        };
+        let vehicles = vec![vehicle(0, Some(1)), vehicle(1, Some(2)), vehicle(2, None)];
+        let traffic = Traffic { vehicles, slots: [None; SLOTS] };
+        let column = |traffic: &Traffic| traffic.column().map(|it| it.vehicle).collect::<Vec<_>>();
+        assert_eq!(column(&traffic), [1, 2]);
+        assert_eq!(column(&traffic.without_nearest(0)), [1, 2]);
+        assert_eq!(column(&traffic.without_nearest(1)), [2]);
+        assert!(column(&traffic.without_nearest(2)).is_empty());
+        let scaled = traffic.scaled(2.);
+        assert_eq!((scaled.vehicles[2].position, scaled.vehicles[2].length), (80., 5.));
+    }
+}

@@ -1,0 +1,90 @@
+//! A window as the networks see it, with the path that counts as doing nothing in particular.
+
+use gnp_baselines::{Motion, Traffic, lateral};
+use gnp_data::{Slot, TrackState};
+use serde::{Deserialize, Serialize};
+
+use crate::augmented_view::AugmentedView;
+
+/// What goals, modes and futures are deviations from, where they are deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReferencePath {
+    /// The present velocity, kept.
+    ConstantVelocity,
+    /// The column ahead, rolled out together by the car-following rule as it was fitted to the training part; a lateral
+    /// motion comes to rest.
+    Platoon,
+}
+
+/// A window with what the traffic ahead makes of it.
+#[derive(Clone, Debug)]
+pub struct Situation<'a> {
+    /// The window as recorded, or varied.
+    pub(crate) seen: AugmentedView<'a>,
+    /// Velocity of the target at the last observed frame, m/s.
+    pub(crate) velocity: [f32; 2],
+    pub(crate) platoon: Option<Following>,
+}
+
+/// The traffic ahead and how it moves if everybody follows.
+#[derive(Clone, Debug)]
+pub(crate) struct Following {
+    pub(crate) traffic: Traffic,
+    pub(crate) motion: Motion,
+}
+
+impl<'a> Situation<'a> {
+    /// The window as the networks see it.
+    #[must_use]
+    pub fn view(&self) -> &AugmentedView<'a> {
+        &self.seen
+    }
+
+    /// Velocity of the target at the last observed frame, m/s.
+    #[must_use]
+    pub fn velocity(&self) -> [f32; 2] {
+        self.velocity
+    }
+
+    fn dt(&self) -> f64 {
+        self.seen.observation().shape().dt()
+    }
+
+    /// Where the reference path is after `step` steps, m, window frame.
+    #[must_use]
+    pub fn reference(&self, step: usize) -> [f32; 2] {
+        let time = step as f64 * self.dt();
+        let [vx, vy] = self.velocity.map(f64::from);
+        let at = match &self.platoon {
+            None => [vx * time, vy * time],
+            Some(platoon) => [platoon.motion.position(Traffic::TARGET, step), lateral(vy, time)],
+        };
+        at.map(|value| value as f32)
+    }
+
+    /// How far along the road, and at which speed, the frame in which the social force drives has moved after `step`
+    /// steps, m and m/s: with the platoon, or not at all. Across the road it stays, as lane lines do.
+    pub(crate) fn frame(&self, step: usize) -> [f32; 2] {
+        match &self.platoon {
+            None => [0.; 2],
+            Some(Following { motion, .. }) => {
+                [motion.position(Traffic::TARGET, step), motion.speed(Traffic::TARGET, step)].map(|value| value as f32)
+            }
+        }
+    }
+
+    /// Where the neighbour in `slot` is after `step` steps if it follows the column ahead of it, window frame.
+    pub(crate) fn following_neighbour(&self, slot: Slot, step: usize, window_s: f64) -> Option<TrackState> {
+        let Following { traffic, motion } = self.platoon.as_ref()?;
+        let place = traffic.place(self.seen.recorded_slot(slot))?;
+        let now = self.seen.neighbour(slot)?.now(window_s);
+        let time = step as f64 * self.dt();
+        Some(TrackState {
+            x: motion.position(place, step) as f32,
+            y: now.y + lateral(f64::from(now.vy), time) as f32,
+            vx: motion.speed(place, step) as f32,
+            vy: 0.,
+        })
+    }
+}
