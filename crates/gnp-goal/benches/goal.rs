@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use candle_core::{DType, Device, Tensor};
 use criterion::{Criterion, criterion_group, criterion_main};
-use gnp_goal::{GoalConfig, GoalNet, GoalShape, LabelConfig, LabelDistance, Pick, ProbabilityHead, Regression};
+use gnp_goal::{LossWeights, GoalConfig, GoalNet, GoalShape, LabelConfig, LabelDistance, Pick, ProbabilityHead, Regression};
 use gnp_nn::{Dropout, Weights};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -4,7 +4,7 @@
 use candle_core::{DType, Device, Tensor};
 use gnp_goal::{
     GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, LabelConfig, LabelDistance, Pick, ProbabilityHead,
-    Regression, goal_loss, labels,
+    LossWeights, Regression, goal_loss, labels,
 };
 use gnp_nn::{Dropout, Weights};
 use rand::{Rng, SeedableRng};

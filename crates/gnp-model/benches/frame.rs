@@ -12,9 +12,12 @@ use std::path::Path;
 
 use candle_core::Device;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Observation, Predictor, WindowConfig, WindowSet, discover, read};
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
-use gnp_model::{Checkpoint, Component, FeatureConfig, Features, Gnp, Header, NeighbourFuture, Representation};
+use gnp_model::{
+    Checkpoint, Component, FeatureConfig, Features, Gnp, Header, NeighbourFuture, ReferencePath, Representation,
+};
 use gnp_modes::Modes;
 use gnp_nn::Weights;
 use gnp_traj::{InputScale, SocialForce, TrajConfig};
@@ -27,6 +30,7 @@ struct Sizes {
     rate_hz: f64,
     modes: usize,
     representation: Representation,
+    reference: ReferencePath,
     goal: GoalConfig,
     traj: TrajConfig,
 }
@@ -38,6 +42,7 @@ fn small() -> Sizes {
         rate_hz: 5.,
         modes: 60,
         representation: Representation::Deviation,
+        reference: ReferencePath::Platoon,
         goal: GoalConfig {
             probability: ProbabilityHead::Decoder,
             regression: Regression::Residual,
@@ -63,6 +68,7 @@ fn published() -> Sizes {
         rate_hz: 25.,
         modes: 200,
         representation: Representation::Position,
+        reference: ReferencePath::ConstantVelocity,
         goal: GoalConfig {
             width: 64,
             heads: 4,
@@ -133,12 +139,14 @@ fn frame(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
         windows.sort_by_key(Observation::frame);
         let features = FeatureConfig {
             representation: sizes.representation,
+            reference: sizes.reference,
             length_scale: 5.,
             velocity_window_s: 0.5,
             history_block_s: 0.,
             car_following_features: false,
         };
-        let features = Features::fit(&features, set.shape(), windows.iter().copied())?;
+        let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;
+        let features = Features::fit(&features, set.shape(), Some(&platoon), windows.iter().copied())?;
         let model = model(&sizes, features)?;
         let (name, modes) = (sizes.name, sizes.modes);
         let id = format!("{name}/{VEHICLES}_vehicles/{GOALS}_goals/{modes}_modes/{rate_hz}_hz");

@@ -9,8 +9,9 @@ use std::path::Path;
 
 use candle_core::{DType, Device, Tensor};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet, discover, read};
-use gnp_model::{AugmentedView, FeatureConfig, Features, Representation};
+use gnp_model::{AugmentedView, FeatureConfig, Features, NeighbourFuture, ReferencePath, Representation};
 
 const BATCH: usize = 64;
 
@@ -45,20 +46,30 @@ fn windows(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
             set.iter().step_by(every).take(BATCH).map(|window| AugmentedView::recorded(window.observation())).collect();
         let goals = Tensor::zeros((seen.len(), 1, 2), DType::F32, &Device::Cpu)?;
         group.throughput(Throughput::Elements(seen.len() as u64));
-        for representation in [Representation::Position, Representation::Deviation] {
+        let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;
+        for (representation, reference) in [
+            (Representation::Position, ReferencePath::ConstantVelocity),
+            (Representation::Deviation, ReferencePath::ConstantVelocity),
+            (Representation::Deviation, ReferencePath::Platoon),
+        ] {
             let config = FeatureConfig {
                 representation,
+                reference,
                 length_scale: 5.,
                 velocity_window_s: 0.5,
                 history_block_s: 0.,
                 car_following_features: false,
             };
-            let features = Features::fit(&config, shape, seen.iter().map(|seen| *seen.observation()))?;
-            let id = format!("features/{name}/{representation:?}/{}_windows/{frames}", seen.len());
+            let features = Features::fit(&config, shape, Some(&platoon), seen.iter().map(|seen| *seen.observation()))?;
+            let id = format!("features/{name}/{representation:?}_from_{reference:?}/{}_windows/{frames}", seen.len());
             group.bench_function(id.to_lowercase(), |bencher| {
                 bencher.iter(|| {
-                    black_box(features.goal_inputs(&seen, &Device::Cpu)).is_ok()
-                        && black_box(features.scene(&seen, goals.clone(), None, &Device::Cpu)).is_ok()
+                    let situations: Result<Vec<_>, _> = seen.iter().map(|seen| features.situation(*seen)).collect();
+                    situations.is_ok_and(|it| {
+                        let straight = NeighbourFuture::ConstantVelocity;
+                        black_box(features.goal_inputs(&it, &Device::Cpu)).is_ok()
+                            && black_box(features.scene(&it, goals.clone(), straight, None, &Device::Cpu)).is_ok()
+                    })
                 });
             });
         }

@@ -191,7 +191,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
 
 fn goal_training() -> GoalTraining {
     let labels = LabelConfig { distance: LabelDistance::MeanDisplacement, temperature: 0.5 };
-    GoalTraining { alpha: 0.2, labels, mirror: 0.5, longitudinal_scale: 1.3 }
+    GoalTraining { alpha: 0.2, mean_weight: 1., labels, mirror: 0.5, longitudinal_scale: 1.3 }
 }
 
 fn path_training() -> PathTraining {

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 use candle_core::{Device, Tensor};
+use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Observation, Predictor as _, Recording, WindowSet, discover, read};
 use gnp_goal::GoalNet;
 use gnp_model::{Checkpoint, Component, Features, Gnp, Header};
@@ -86,7 +87,8 @@ fn recordings(config: &RunConfig) -> Result<Vec<Recording>> {
 /// A model of the configuration's sizes with random weights.
 fn model(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Gnp> {
     let shape = config.windows.shape_for(config.data.rate_hz)?;
-    let features = Features::fit(&config.features, shape, windows.iter().copied())?;
+    let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;
+    let features = Features::fit(&config.features, shape, Some(&platoon), windows.iter().copied())?;
     let weights = [Weights::seeded(1, &Device::Cpu), Weights::seeded(2, &Device::Cpu)];
     GoalNet::new(&config.goal.net, features.goal_shape(), weights[0].builder())?;
     SocialForce::new(&config.traj, weights[1].builder())?;

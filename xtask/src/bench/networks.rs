@@ -4,7 +4,7 @@ use anyhow::Result;
 use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
 use gnp_data::SLOTS;
-use gnp_goal::{GoalConfig, GoalNet, GoalShape, Pick, ProbabilityHead, Regression, goal_loss};
+use gnp_goal::{GoalConfig, GoalNet, GoalShape, Labels, LossWeights, Pick, ProbabilityHead, Regression, goal_loss};
 use gnp_nn::Weights;
 use gnp_traj::{Engine, NeighbourStates, Neighbours, Phase, RollOutBatch, SocialForce, TrajConfig};
 use rand::{Rng, SeedableRng};
@@ -188,7 +188,8 @@ impl Goal {
         let network = &self.network(engine).learning;
         let output = network.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &self.one, None)?;
         let soft = candle_nn::ops::softmax(&output.logits.detach(), 1)?;
-        goal_loss(&output, &self.truth, &soft, 0.5)?.total.backward()?;
+        let labels = Labels { soft, nearest: output.indices.clone() };
+        goal_loss(&output, &self.truth, &labels, LossWeights { alpha: 0.5, mean: 0. })?.total.backward()?;
         Ok(())
     }
 }

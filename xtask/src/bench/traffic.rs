@@ -7,8 +7,9 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use candle_core::Device;
+use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet, discover, read};
-use gnp_model::{AugmentedView, Features};
+use gnp_model::{AugmentedView, Features, Situation};
 
 use gnp::RunConfig;
 use gnp::memory;
@@ -86,7 +87,8 @@ pub(super) fn features(recordings: &[Recording]) -> Result<Features> {
     let (set, _) = WindowSet::cut(recordings, &windows(5.))?;
     let config = RunConfig::read(&project::root().join("configs/ngsim.toml"), &[])?.features;
     let seen: Vec<_> = set.iter().map(|window| window.observation()).collect();
-    Ok(Features::fit(&config, set.shape(), seen.into_iter())?)
+    let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;
+    Ok(Features::fit(&config, set.shape(), Some(&platoon), seen.into_iter())?)
 }
 
 /// Cuts all windows and turns them into network inputs, 64 at a time; returns their number.
@@ -96,12 +98,12 @@ pub(super) fn features(recordings: &[Recording]) -> Result<Features> {
 pub(super) fn cut_and_see(recordings: &[Recording], features: &Features) -> Result<usize> {
     let (set, _) = WindowSet::cut(recordings, &windows(1.))?;
     for ids in set.ids().chunks(64) {
-        let seen: Vec<AugmentedView<'_>> = ids
+        let situations: Vec<Situation<'_>> = ids
             .iter()
             .filter_map(|id| set.get(*id))
-            .map(|window| AugmentedView::recorded(window.observation()))
-            .collect();
-        features.goal_inputs(&seen, &Device::Cpu)?;
+            .map(|window| features.situation(AugmentedView::recorded(window.observation())))
+            .collect::<Result<_, _>>()?;
+        features.goal_inputs(&situations, &Device::Cpu)?;
     }
     Ok(set.len())
 }
