@@ -135,6 +135,30 @@ pub fn interaction<T: RealField + Copy>(distance: T, body: T, speed: T, leader_s
     Following::new(driver).interaction(distance, body, speed, leader_speed)
 }
 
+/// Both parts together, [`free_acceleration`] and [`interaction`], in m/s²; never below -[`HARDEST_BRAKING`].
+///
+/// The arguments are those of [`interaction`].
+///
+/// ```
+/// use gnp_force::{Driver, following_acceleration};
+/// let driver = Driver::motorway();
+/// assert_eq!(following_acceleration(1e9, 4.6, 0.0, 0.0, &driver), 1.0); // nobody near
+/// assert_eq!(following_acceleration(14.6, 4.6, 30.0, 0.0, &driver), -9.0); // 10 m before one that stands
+/// ```
+#[inline]
+#[must_use]
+pub fn following_acceleration<T: RealField + Copy>(
+    distance: T,
+    body: T,
+    speed: T,
+    leader_speed: T,
+    driver: &Driver<T>,
+) -> T {
+    let law = Following::new(driver);
+    let sum = law.free(speed) + law.interaction(distance, body, speed, leader_speed);
+    sum.max(-lit::<T>(HARDEST_BRAKING))
+}
+
 /// Potential of the interaction with a leader at standstill, `a s0² / gap`, in m²/s²; linear where the force is held.
 ///
 /// `gap` from bumper to bumper in m. Minus its gradient in the vehicle's position is [`interaction`] at speed 0.

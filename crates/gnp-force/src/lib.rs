@@ -61,8 +61,8 @@ mod vehicle;
 pub use crate::{
     boxes::{BoxForceVjp, Extent, Separation, box_force, box_force_vjp, box_potential, separation},
     car_following::{
-        CarFollowing, FreeRoad, FreeVjp, HARDEST_BRAKING, InteractionVjp, LEAST_GAP, free_acceleration,
-        free_acceleration_vjp, interaction, interaction_vjp, standstill_potential,
+        CarFollowing, FreeRoad, FreeVjp, HARDEST_BRAKING, InteractionVjp, LEAST_GAP, following_acceleration,
+        free_acceleration, free_acceleration_vjp, interaction, interaction_vjp, standstill_potential,
     },
     driver::Driver,
     error::ForceError,

@@ -1,9 +1,9 @@
 //! Vehicles that follow each other along the road, rolled out together.
 //!
-//! A vehicle with a leader accelerates by both parts of car following, [`free_acceleration`](crate::free_acceleration) and
-//! [`interaction`](crate::interaction); one without keeps its speed. To either its habit is added: the driver's present
-//! deviation from the rule, the measured acceleration less both parts, which dies away as `habit exp(-t / decay)`, with the
-//! time of the middle of the step. The sum is limited to [`HARDEST_BRAKING`].
+//! A vehicle with a leader accelerates by [`following_acceleration`](crate::following_acceleration); one without keeps its
+//! speed. To either its habit is added: the driver's present deviation from that rule, the measured acceleration less the
+//! rule's. It dies away as `habit exp(-t / decay)`, with the time of the middle of the step. The sum is limited to
+//! [`HARDEST_BRAKING`] either way.
 //!
 //! A step is ballistic, with the accelerations of all vehicles as they are when it sets out:
 //!
@@ -173,8 +173,8 @@ impl<T: RealField + Copy> Platoon<T> {
 
     /// Part of the free road in the acceleration of every step, in m/s².
     ///
-    /// The three parts add up to what was integrated, `(v' - v) / dt`: where the limit on braking acts or a vehicle stops,
-    /// all three are shortened in the same proportion.
+    /// The three parts add up to what was integrated, `(v' - v) / dt`: where a limit acts or a vehicle stops, those
+    /// that it acts on are shortened in the same proportion.
     #[must_use]
     pub fn free(&self) -> &[T] {
         &self.free
@@ -248,13 +248,16 @@ impl<T: RealField + Copy> Platoon<T> {
                 None => (T::zero(), T::zero()),
             };
             let habit = link.habit * left;
-            let wanted = free + interaction + habit;
+            let rule = free + interaction;
+            let limited = rule.max(-lit::<T>(HARDEST_BRAKING));
+            let wanted = limited + habit;
             let (state, acceleration) = advance([x, v], wanted, dt);
-            let share = if acceleration == wanted { T::one() } else { acceleration / wanted };
+            let share = part(acceleration, wanted);
+            let of_rule = share * part(limited, rule);
             let at = vehicle * self.steps + step;
             [self.positions[at], self.speeds[at]] = state;
-            self.free[at] = free * share;
-            self.interaction[at] = interaction * share;
+            self.free[at] = free * of_rule;
+            self.interaction[at] = interaction * of_rule;
             self.habit[at] = habit * share;
             *next = state;
         }
@@ -262,10 +265,16 @@ impl<T: RealField + Copy> Platoon<T> {
     }
 }
 
+/// What part of `whole` is left as `shortened`; all of it where both are 0.
+#[inline(always)]
+fn part<T: RealField + Copy>(shortened: T, whole: T) -> T {
+    if shortened == whole { T::one() } else { shortened / whole }
+}
+
 /// Position and speed after a step with the `wanted` acceleration, and the mean acceleration that made them.
 #[inline(always)]
 fn advance<T: RealField + Copy>([x, v]: [T; 2], wanted: T, dt: T) -> ([T; 2], T) {
-    let acceleration = wanted.max(-lit::<T>(HARDEST_BRAKING));
+    let acceleration = wanted.max(-lit::<T>(HARDEST_BRAKING)).min(lit(HARDEST_BRAKING));
     let faster = v + acceleration * dt;
     if faster >= T::zero() {
         ([x + (v + faster) * (dt * lit(0.5)), faster], acceleration)

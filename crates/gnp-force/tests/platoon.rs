@@ -1,7 +1,7 @@
 //! Vehicles that follow each other: what a column of traffic does, and what is refused.
 use gnp_force::{
     CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, HARDEST_BRAKING, Platoon, Source, State,
-    free_acceleration, nalgebra::Point2, nalgebra::RealField, nalgebra::convert,
+    following_acceleration, free_acceleration, nalgebra::Point2, nalgebra::RealField, nalgebra::convert,
 };
 
 const LENGTH: f64 = 4.6;
@@ -105,7 +105,7 @@ fn nobody_drives_backwards_and_parts_add_up_to_what_was_integrated() {
             let parts = platoon.free()[at] + platoon.interaction()[at] + platoon.habit()[at];
             assert!(v >= 0. && x >= before[0]);
             assert!((before[1] + parts * dt - v).abs() < 1e-9);
-            assert!(parts >= -HARDEST_BRAKING - 1e-9);
+            assert!(parts.abs() <= HARDEST_BRAKING + 1e-9);
             let way = if v > 0. { (before[1] + v) * 0.5 * dt } else { before[1] * dt * 0.5 };
             assert!(if v > 0. { (x - before[0] - way).abs() < 1e-9 } else { x - before[0] <= way + 1e-9 });
             limited += usize::from((parts + HARDEST_BRAKING).abs() < 1e-9);
@@ -158,11 +158,11 @@ fn a_roll_out_composes_the_terms_of_the_force() {
                 let body = 0.5 * (one.length + start[leader].length);
                 let nowhere = Source::Goal { goal: Point2::origin(), time_left: 1. };
                 let ahead = Source::Vehicle { slot: 0, state: before[leader] };
-                sum += FreeRoad.force(&before[i], &nowhere, &[desired_speed, acceleration]).x;
+                let free = FreeRoad.force(&before[i], &nowhere, &[desired_speed, acceleration]).x;
                 let parameters = [acceleration, braking, time_gap, standstill_gap, body];
-                sum += CarFollowing.force(&before[i], &ahead, &parameters).x;
+                sum += (free + CarFollowing.force(&before[i], &ahead, &parameters).x).max(-HARDEST_BRAKING);
             }
-            let (v, a) = (before[i].velocity.x, sum.max(-HARDEST_BRAKING));
+            let (v, a) = (before[i].velocity.x, sum.clamp(-HARDEST_BRAKING, HARDEST_BRAKING));
             let faster = v + a * dt;
             let (way, speed) = if faster > 0. { (0.5 * (v + faster) * dt, faster) } else { (-0.5 * v * v / a, 0.) };
             states[i] = State::new(before[i].position.x + way, 0., speed, 0.);
@@ -191,6 +191,23 @@ fn without_a_leader_a_vehicle_keeps_its_speed_and_its_acceleration_dies_away() {
     let followed = Platoon::roll_out(&[far, Follower { leader: Some(0), ..alone }], dt, 1, 2.).unwrap();
     let wanted = 20. + dt * (1.2 * (-0.0025_f64).exp() + free_acceleration(20., &Driver::motorway()));
     assert!((followed.speeds()[1] - wanted).abs() < 1e-9);
+}
+
+#[test]
+fn a_habit_makes_up_for_what_the_rule_misses_of_a_measured_acceleration() {
+    let measured = -1.3;
+    // Also where the rule alone would brake as hard as it can.
+    for gap in [4., 15., 60.] {
+        let (leader, mut follower) = (car(0., 14., None), car(-gap - LENGTH, 20., Some(0)));
+        follower.habit = measured - following_acceleration(gap + LENGTH, LENGTH, 20., 14., &follower.driver);
+        let platoon = Platoon::roll_out(&[leader, follower], 0.1, 1, 1e9).unwrap();
+        assert!((platoon.speeds()[1] - 20. - measured * 0.1).abs() < 1e-6, "{gap} m");
+        let parts = platoon.habit()[1] + platoon.free()[1] + platoon.interaction()[1];
+        assert!((parts - measured).abs() < 1e-6 && platoon.free()[1] > 0.);
+    }
+    // No habit pulls harder than the brakes.
+    let pulled = Platoon::roll_out(&[Follower { habit: 50., ..car(0., 20., None) }], 0.1, 1, 1e9).unwrap();
+    assert!((pulled.speeds()[0] - 20.9).abs() < 1e-9 && (pulled.habit()[0] - 9.).abs() < 1e-9);
 }
 
 #[test]
