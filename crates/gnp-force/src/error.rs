@@ -1,9 +1,9 @@
-//! What can be wrong with what a simulator is given.
+//! What can be wrong with what a simulator or a platoon is given.
 use crate::simulator::VehicleId;
 use nalgebra::RealField;
 use std::fmt;
 
-/// Why parameters, a road or a vehicle were refused.
+/// Why parameters, a road, a driver or a vehicle were refused.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum ForceError {
@@ -21,6 +21,20 @@ pub enum ForceError {
         /// The number asked for.
         id: VehicleId,
     },
+    /// A vehicle of a platoon follows one that is not there, or itself.
+    Leader {
+        /// Number of the vehicle.
+        vehicle: usize,
+        /// Number of its leader.
+        leader: usize,
+        /// How many vehicles there are.
+        vehicles: usize,
+    },
+    /// Vehicles of a platoon follow each other in a circle.
+    Circle {
+        /// Number of one of them.
+        vehicle: usize,
+    },
 }
 
 impl fmt::Display for ForceError {
@@ -29,6 +43,15 @@ impl fmt::Display for ForceError {
             Self::Value { key, value, must } => write!(f, "`{key}` is {value}, but must be {must}"),
             Self::UnknownVehicle { id } => {
                 write!(f, "no vehicle {id} in the scene: take numbers from `Simulator::add` or `Simulator::vehicles`")
+            }
+            Self::Leader { vehicle, leader, vehicles } => {
+                write!(
+                    f,
+                    "vehicle {vehicle} follows {leader}, but must follow another of the {vehicles} vehicles or none"
+                )
+            }
+            Self::Circle { vehicle } => {
+                write!(f, "vehicle {vehicle} follows itself through its leaders: one of them must follow nobody")
             }
         }
     }

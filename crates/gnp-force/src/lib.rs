@@ -32,18 +32,25 @@
 //! ```
 //!
 //! Each law is also a [`ForceTerm`] with a [`TermDescriptor`]: roll-outs, files and figures read its name, unit, colour and
-//! parameters there, and a term of one's own stands beside the three of this crate.
+//! parameters there, and a term of one's own stands beside the five of this crate.
+//!
+//! Traffic that mostly follows the vehicle ahead: the intelligent driver model, as two terms ([`FreeRoad`],
+//! [`CarFollowing`]), as functions of a [`Driver`], and as the roll-out of a [`Platoon`].
 //!
 //! Many vehicles at once: [`Simulator`]. Whole programs: `examples/car_following.rs`, `cut_in.rs`,
-//! `lane_change_past_truck.rs`, `motorway_section.rs`.
+//! `lane_change_past_truck.rs`, `motorway_section.rs`,
+//! `platoon.rs`.
 //!
 //! The `serde` feature makes states, parameters, roads and vehicles readable and writable.
 mod boxes;
+mod car_following;
+mod driver;
 mod error;
 mod field;
 mod goal;
 mod integrator;
 mod line;
+mod platoon;
 mod road;
 mod scalar;
 mod simulator;
@@ -53,6 +60,11 @@ mod vehicle;
 
 pub use crate::{
     boxes::{BoxForceVjp, Extent, Separation, box_force, box_force_vjp, box_potential, separation},
+    car_following::{
+        CarFollowing, FreeRoad, FreeVjp, HARDEST_BRAKING, InteractionVjp, LEAST_GAP, following_acceleration,
+        free_acceleration, free_acceleration_vjp, interaction, interaction_vjp, standstill_potential,
+    },
+    driver::Driver,
     error::ForceError,
     field::{Attraction, FieldVjp, ForceField, Forces, Line, Neighbour},
     goal::{GoalAttraction, GoalForceVjp, MIN_TIME, goal_dissipation, goal_force, goal_force_vjp, goal_potential},
@@ -61,6 +73,7 @@ pub use crate::{
         BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineRepulsion, MarkingKind, Side, line_force, line_force_vjp,
         line_potential,
     },
+    platoon::{Follower, Platoon},
     road::Road,
     simulator::{
         Arrival, CruiseParams, Drive, ForceBreakdown, MotorwayRule, NeighbourSearch, Repulsion, Simulator,

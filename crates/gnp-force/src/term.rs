@@ -4,6 +4,7 @@
 //! [`terms`]. Roll-outs, prediction files, figures and the report read the descriptor, so that none of them names a term.
 //! A term of one's own is any other type that implements the trait.
 use crate::{
+    car_following::{CarFollowing, FreeRoad},
     goal::GoalAttraction,
     line::{LineRepulsion, MarkingKind, Side},
     state::State,
@@ -179,7 +180,7 @@ impl<T: RealField + Copy, L: ForceTerm<T> + ?Sized> ForceTerm<T> for &L {
     }
 }
 
-/// The term of this crate with that name: `goal`, `neighbours` or `lines`.
+/// The term of this crate with that name: `goal`, `neighbours`, `lines`, `free_road` or `car_following`.
 #[must_use]
 pub fn term<T: RealField + Copy>(name: &str) -> Option<&'static dyn ForceTerm<T>> {
     terms().into_iter().find(|term| term.descriptor().name == name)
@@ -187,8 +188,8 @@ pub fn term<T: RealField + Copy>(name: &str) -> Option<&'static dyn ForceTerm<T>
 
 /// Every term of this crate, in the order in which a roll-out adds them up. A new one has its line here.
 #[must_use]
-pub fn terms<T: RealField + Copy>() -> [&'static dyn ForceTerm<T>; 3] {
-    [&GoalAttraction, &VehicleRepulsion, &LineRepulsion]
+pub fn terms<T: RealField + Copy>() -> [&'static dyn ForceTerm<T>; 5] {
+    [&GoalAttraction, &VehicleRepulsion, &LineRepulsion, &FreeRoad, &CarFollowing]
 }
 
 impl TermDescriptor {

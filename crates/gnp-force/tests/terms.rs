@@ -1,6 +1,6 @@
 //! Every term of the table: its descriptor is usable in files, and its gradient is that of its value.
 use gnp_force::nalgebra::{Point2, Vector2};
-use gnp_force::{Arity, MarkingKind, Side, Source, State, term, terms};
+use gnp_force::{Arity, MarkingKind, Side, Source, State, TermDescriptor, term, terms};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -73,10 +73,11 @@ fn names_are_distinct_and_fit_in_files() {
         let descriptor = one.descriptor();
         assert!(plain(&descriptor.name) && descriptor.parameters.iter().all(|p| plain(&p.name)), "{descriptor:?}");
         assert!(descriptor.colour.len() == 7 && descriptor.colour.starts_with('#'), "{descriptor:?}");
-        assert!(all[..i].iter().all(|other| other.descriptor().name != descriptor.name), "{descriptor:?}");
+        let differ = |other: &TermDescriptor| other.name != descriptor.name && other.colour != descriptor.colour;
+        assert!(all[..i].iter().all(|other| differ(other.descriptor())), "{descriptor:?}");
         assert_eq!(term::<f32>(&descriptor.name).unwrap().descriptor(), descriptor);
         let text = serde_json::to_string(descriptor).unwrap();
-        assert_eq!(&serde_json::from_str::<gnp_force::TermDescriptor>(&text).unwrap(), descriptor);
+        assert_eq!(&serde_json::from_str::<TermDescriptor>(&text).unwrap(), descriptor);
     }
     assert!(term::<f64>("gravity").is_none());
 }

@@ -27,7 +27,7 @@ fn clip() -> Clip {
         let parameters = vec![vec![parameter; 50 * sources]; descriptor.varying().count()];
         TermForces::new(Arc::new(descriptor.clone()), sources, forces, parameters).with_totals(vec![total; 50])
     };
-    let [goal, neighbours, lines] = gnp_force::terms::<f32>().map(|term| term.descriptor());
+    let [goal, neighbours, lines, ..] = gnp_force::terms::<f32>().map(|term| term.descriptor());
     let drag = TermDescriptor::new("drag", Arity::One, "#7a5195").means("drag of the air", "drag");
     let terms = vec![
         term(goal, 1, [1.5, 0.5], 0.8),
