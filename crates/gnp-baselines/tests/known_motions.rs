@@ -23,6 +23,7 @@ fn driven(shape: WindowShape, at: impl Fn(f64) -> [f64; 2]) -> Recording {
         vy: vec![99.; rows],
         lane: vec![1; rows],
         neighbours: vec![[u32::MAX; SLOTS]; rows],
+        named_leader: None,
     };
     let track = Track::new(1, [4.5, 1.8], 3, 0..rows);
     let meta = RecordingMeta::new(Dataset::NGSIM, "s", "a", shape.rate_hz).with_simulated(true);

@@ -1,14 +1,19 @@
 //! From rows of a table to a recording: order, repeated rows, gap-free tracks, velocities,
 //! neighbours.
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 
 use crate::error::DataError;
 use crate::ingest_report::IngestReport;
+use crate::leader;
 use crate::lookup::FrameIndex;
 use crate::neighbours;
-use crate::parts::check_span;
-use crate::recording::{Columns, NO_TRACK, Recording, RecordingMeta, Road, Track, VehicleClass, VelocitySource};
+use crate::parts::{check_span, track_at};
+use crate::recording::{
+    Columns, NO_TRACK, NamedLeader, Recording, RecordingMeta, Road, Track, VehicleClass, VelocitySource,
+};
 use crate::slot::SLOTS;
 
 /// Rows of one recording in SI units and the road frame, in any order: what the reader of a format
@@ -30,6 +35,9 @@ pub struct Rows {
     pub lane: Vec<i16>,
     /// Who is in the eight slots.
     pub neighbours: NeighbourSource,
+    /// The vehicle that each row names as the one directly ahead, where the data does; taken where the rows do not
+    /// contradict it and tell less.
+    pub leader: Option<Vec<NamedLeader>>,
 }
 
 impl Rows {
@@ -39,7 +47,7 @@ impl Rows {
     pub fn new(vehicle: Vec<u32>, frame: Vec<u32>, x: Vec<f32>, y: Vec<f32>) -> Self {
         let lane = vec![0; x.len()];
         let neighbours = NeighbourSource::Lanes(|lane| lane);
-        Self { vehicle, frame, x, y, velocity: None, lane, neighbours }
+        Self { vehicle, frame, x, y, velocity: None, lane, neighbours, leader: None }
     }
 
     fn check(&self) -> Result<(), String> {
@@ -48,6 +56,7 @@ impl Rows {
         if let NeighbourSource::Named(slots) = &self.neighbours {
             lengths.extend(slots.iter().map(Vec::len));
         }
+        lengths.extend(self.leader.iter().map(Vec::len));
         let rows = self.x.len();
         if !lengths.iter().all(|n| *n == rows) || u32::try_from(rows).is_err() {
             return Err(format!(
@@ -91,6 +100,7 @@ struct Dropped {
     duplicates: u64,
     conflicts: u64,
     unknown_neighbours: u64,
+    leaders: BTreeMap<String, u64>,
 }
 
 impl Recording {
@@ -116,6 +126,7 @@ impl Recording {
         report.duplicates = dropped.duplicates;
         report.conflicts = dropped.conflicts;
         report.unknown_neighbours = dropped.unknown_neighbours;
+        report.leaders_not_taken = dropped.leaders;
         Ok((recording, report))
     }
 
@@ -146,7 +157,7 @@ fn assemble(
         NeighbourSource::Named(ids) => Ok(named(ids, &tracks, pick, count)),
         NeighbourSource::Lanes(from_left) => Err(*from_left),
     };
-    let Rows { x, y, velocity, lane, .. } = rows;
+    let Rows { x, y, velocity, lane, leader, .. } = rows;
     let x = reorder(x, order.as_deref());
     let y = reorder(y, order.as_deref());
     let lane = reorder(lane, order.as_deref());
@@ -155,13 +166,18 @@ fn assemble(
         Some(recorded) => recorded.map(|v| reorder(v, order.as_deref())),
         None => [&x, &y].map(|position| derivative(position, &tracks, meta.rate_hz)),
     };
+    let lane_order = named.as_ref().err().map(|from_left| lane.iter().map(|lane| (*lane, from_left(*lane))).collect());
     let (neighbours, unknown_neighbours) = named.unwrap_or_else(|from_left| {
         let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
         (neighbours::from_lanes(&tracks, &FrameIndex::new(&spans), &x, &lane, from_left), 0)
     });
-    let columns = Columns { x, y, vx, vy, lane, neighbours };
+    let mut columns = Columns { x, y, vx, vy, lane, neighbours, named_leader: None };
+    let mut leaders = BTreeMap::new();
+    if let Some(named) = leader {
+        (columns.named_leader, leaders) = leader::checked(reorder(named, order.as_deref()), &tracks, &columns);
+    }
     let recording = Recording::from_parts(meta.with_velocities(velocities), roads, tracks, columns)?;
-    Ok((recording, Dropped { duplicates, conflicts, unknown_neighbours }))
+    Ok((Recording { lane_order, ..recording }, Dropped { duplicates, conflicts, unknown_neighbours, leaders }))
 }
 
 /// Rows that are kept, by vehicle and frame.
@@ -187,6 +203,7 @@ fn keep(rows: &Rows, body: &impl Fn(usize) -> VehicleBody) -> Kept {
     let same = |a: usize, b: usize| {
         (rows.x[a], rows.y[a], rows.lane[a]) == (rows.x[b], rows.y[b], rows.lane[b])
             && rows.velocity.iter().flatten().all(|v| v[a] == v[b])
+            && rows.leader.iter().all(|v| v[a] == v[b])
             && ids.iter().all(|v| v[a] == v[b])
             && body(a) == body(b)
     };
@@ -274,10 +291,7 @@ fn named(
                 let Some(vehicle) = u32::try_from(ids[slot][row]).ok().filter(|vehicle| *vehicle > 0) else { continue };
                 let there = |t: usize| tracks[t].vehicle == vehicle && tracks[t].row_at(frame).is_some();
                 let known = last[slot].filter(|(same, t)| *same == vehicle && there(*t)).map(|(_, t)| t);
-                let found = known.or_else(|| {
-                    let first = tracks.partition_point(|other| other.vehicle < vehicle);
-                    (first..tracks.len()).take_while(|t| tracks[*t].vehicle == vehicle).find(|t| there(*t))
-                });
+                let found = known.or_else(|| track_at(tracks, vehicle, frame));
                 match found.filter(|_| vehicle != track.vehicle) {
                     Some(t) => {
                         last[slot] = Some((vehicle, t));

@@ -3,8 +3,9 @@
 //! ```text
 //! magic "GNPREC\r\n" | version u32 | sha256 of the rest, 32 bytes | header length u64 | header JSON | columns
 //! ```
-//! All numbers are little-endian. The columns are x, y, vx, vy (f32), lane (i16) and the eight
-//! neighbours (u32), one after the other; a row takes 50 bytes, less than half of its line of CSV.
+//! All numbers are little-endian. The columns are x, y, vx, vy (f32), lane (i16), the eight
+//! neighbours (u32) and, where the header says so, vehicle (u32) and headway (f32) of named leaders,
+//! one after the other; a row takes 50 or 58 bytes, about half of its line of CSV.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -13,14 +14,16 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use crate::error::DataError;
-use crate::recording::{Columns, Recording, RecordingMeta, Road, Track};
+use crate::recording::{Columns, LaneOrder, NamedLeader, Recording, RecordingMeta, Road, Track};
 use crate::slot::SLOTS;
 
 const MAGIC: &[u8; 8] = b"GNPREC\r\n";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Bytes before the header: magic, version, checksum, header length.
 const PREFIX: usize = 8 + 4 + 32 + 8;
 const ROW: usize = 4 * 4 + 2 + SLOTS * 4;
+/// Bytes that a row with a named leader takes besides.
+const LEADER: usize = 4 + 4;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -29,6 +32,8 @@ struct Header {
     roads: Vec<Road>,
     tracks: Vec<Track>,
     rows: usize,
+    named_leaders: bool,
+    lane_order: Option<LaneOrder>,
 }
 
 impl Recording {
@@ -43,9 +48,11 @@ impl Recording {
             roads: self.roads.clone(),
             tracks: self.tracks.clone(),
             rows: self.len(),
+            named_leaders: self.columns.named_leader.is_some(),
+            lane_order: self.lane_order.clone(),
         };
         let header = serde_json::to_vec(&header).map_err(|e| io(e.into()))?;
-        let mut body = Vec::with_capacity(8 + header.len() + ROW * self.len());
+        let mut body = Vec::with_capacity(8 + header.len() + (ROW + LEADER) * self.len());
         body.extend_from_slice(&(header.len() as u64).to_le_bytes());
         body.extend_from_slice(&header);
         let c = &self.columns;
@@ -54,6 +61,9 @@ impl Recording {
         }
         body.extend(c.lane.iter().flat_map(|value| value.to_le_bytes()));
         body.extend(c.neighbours.iter().flatten().flat_map(|value| value.to_le_bytes()));
+        let leaders = || c.named_leader.iter().flatten();
+        body.extend(leaders().flat_map(|leader| leader.vehicle.to_le_bytes()));
+        body.extend(leaders().flat_map(|leader| leader.headway.to_le_bytes()));
 
         let mut file = gnp_file::beside(path).map_err(io)?;
         file.write_all(MAGIC).map_err(io)?;
@@ -95,12 +105,19 @@ fn parse(bytes: &[u8]) -> Result<Recording, String> {
     let header = rest.get(..length).ok_or("the header is longer than the file")?;
     let header: Header = serde_json::from_slice(header).map_err(|e| format!("the header cannot be read: {e}"))?;
     let data = &rest[length..];
-    if header.rows.checked_mul(ROW) != Some(data.len()) {
+    let row = if header.named_leaders { ROW + LEADER } else { ROW };
+    if header.rows.checked_mul(row) != Some(data.len()) {
         return Err(format!("{} bytes of columns do not make {} rows", data.len(), header.rows));
     }
     let rows = header.rows;
     let (floats, data) = data.split_at(rows * 16);
-    let (lanes, neighbours) = data.split_at(rows * 2);
+    let (lanes, data) = data.split_at(rows * 2);
+    let (neighbours, leaders) = data.split_at(rows * SLOTS * 4);
+    let (vehicles, headways) = leaders.split_at(leaders.len() / 2);
+    let leader = |(vehicle, headway): (&[u8], &[u8])| NamedLeader {
+        vehicle: u32::from_le_bytes(array(vehicle)),
+        headway: f32::from_le_bytes(array(headway)),
+    };
     let float =
         |i: usize| floats[i * rows * 4..(i + 1) * rows * 4].chunks_exact(4).map(|b| f32::from_le_bytes(array(b)));
     let columns = Columns {
@@ -113,8 +130,12 @@ fn parse(bytes: &[u8]) -> Result<Recording, String> {
             .chunks_exact(SLOTS * 4)
             .map(|row| std::array::from_fn(|slot| u32::from_le_bytes(array(&row[slot * 4..]))))
             .collect(),
+        named_leader: header
+            .named_leaders
+            .then(|| vehicles.chunks_exact(4).zip(headways.chunks_exact(4)).map(leader).collect()),
     };
-    Recording::from_parts(header.meta, header.roads, header.tracks, columns).map_err(|e| e.to_string())
+    let recording = Recording::from_parts(header.meta, header.roads, header.tracks, columns);
+    recording.map(|it| Recording { lane_order: header.lane_order, ..it }).map_err(|e| e.to_string())
 }
 
 /// The first `N` bytes of a slice that is at least as long.

@@ -76,6 +76,12 @@ pub struct IngestReport {
     pub lane_flips: u64,
     /// Neighbour ids of the file that name a vehicle absent in that frame; the slot is left empty.
     pub unknown_neighbours: u64,
+    /// Rows whose vehicle ahead is known from that row alone: it is named with its distance and has no row of its own.
+    #[serde(default)]
+    pub named_leaders: u64,
+    /// Rows that name a vehicle ahead which is not taken from there, by reason.
+    #[serde(default)]
+    pub leaders_not_taken: BTreeMap<String, u64>,
     /// Rows of the file that belong to no recording, by reason. Counted with the first recording of
     /// the file.
     pub skipped_rows: BTreeMap<String, u64>,
@@ -118,6 +124,9 @@ impl IngestReport {
             overlaps: overlaps(recording),
             lane_flips: lane_flips(recording),
             unknown_neighbours: 0,
+            named_leaders: recording.columns().named_leader.iter().flatten().filter(|named| named.vehicle != 0).count()
+                as u64,
+            leaders_not_taken: BTreeMap::new(),
             skipped_rows: BTreeMap::new(),
             lanes: match (lines, fitted) {
                 (0, _) => LaneSource::Absent,
@@ -127,6 +136,22 @@ impl IngestReport {
             lane_lines: lines as u64,
             notes: Vec::new(),
         }
+    }
+
+    /// What is not a column of a table: rows left out, vehicles ahead, notes; a sentence each.
+    #[must_use]
+    pub fn remarks(&self) -> Vec<String> {
+        let mut remarks: Vec<String> =
+            self.skipped_rows.iter().map(|(reason, rows)| format!("{rows} rows left out: {reason}")).collect();
+        if self.named_leaders > 0 {
+            remarks.push(format!("{} rows tell a vehicle ahead that has no row of its own", self.named_leaders));
+        }
+        let not_taken = self.leaders_not_taken.iter();
+        remarks.extend(
+            not_taken.map(|(reason, rows)| format!("{rows} rows name a vehicle ahead not taken from there: {reason}")),
+        );
+        remarks.extend(self.notes.iter().cloned());
+        remarks
     }
 }
 

@@ -21,6 +21,7 @@ mod format;
 mod formats;
 mod ingest_report;
 mod lanes;
+mod leader;
 mod live;
 mod lookup;
 mod neighbours;
@@ -45,12 +46,13 @@ pub use crate::explanation::{Cause, Contribution, Explanation, TermForces};
 pub use crate::format::{Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read};
 pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
 pub use crate::lanes::{LaneFit, fit_lanes};
+pub use crate::leader::{Leader, NAMED_LEADER_SIZE};
 pub use crate::live::{LiveError, LiveScene, Sample};
 pub use crate::neighbours::{LanePosition, find_neighbours};
 pub use crate::overlap::{Overlap, groups, overlaps};
 pub use crate::predictor::{Forecast, Mode, OraclePredictor, PredictError, Predictor};
 pub use crate::recording::{
-    Columns, LaneMarking, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,
+    Columns, LaneMarking, NamedLeader, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,
 };
 pub use crate::slot::{BySlot, SLOTS, Slot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};

@@ -2,7 +2,7 @@
 
 use crate::error::DataError;
 use crate::lookup::FrameIndex;
-use crate::recording::{Columns, NO_TRACK, Recording, RecordingMeta, Road, Track};
+use crate::recording::{Columns, NO_TRACK, NamedLeader, Recording, RecordingMeta, Road, Track};
 
 /// Longest span of frames a recording may have: a day at 100 Hz. The frame index is as long.
 pub(crate) const MAX_FRAMES: u32 = 8_640_000;
@@ -14,8 +14,8 @@ impl Recording {
     /// # Errors
     /// [`DataError::Parts`] when the name is empty, the rate is not positive, columns differ in
     /// length, tracks do not cover the rows in order, a track names a carriageway that is not
-    /// there, a size is not positive, lines do not grow, a value is not finite, or a neighbour is
-    /// not a track that is present in that frame.
+    /// there, a size is not positive, lines do not grow, a value is not finite, a neighbour is
+    /// not a track that is present in that frame, or a named leader has a row of its own or no distance.
     pub fn from_parts(
         meta: RecordingMeta,
         roads: Vec<Road>,
@@ -29,7 +29,7 @@ impl Recording {
         check_columns(&columns, &tracks).map_err(fail)?;
         let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
         let frames = FrameIndex::new(&spans);
-        Ok(Self { meta, roads, tracks, columns, frames })
+        Ok(Self { meta, roads, tracks, columns, frames, lane_order: None })
     }
 }
 
@@ -118,5 +118,35 @@ fn check_columns(columns: &Columns, tracks: &[Track]) -> Result<(), String> {
             }
         }
     }
+    check_named_leaders(columns, tracks)
+}
+
+fn check_named_leaders(columns: &Columns, tracks: &[Track]) -> Result<(), String> {
+    let Some(named) = &columns.named_leader else { return Ok(()) };
+    let rows = columns.x.len();
+    if named.len() != rows {
+        return Err(format!("column named_leader has {} rows where x has {rows}", named.len()));
+    }
+    for track in tracks {
+        for row in track.rows.clone().filter(|row| named[*row].vehicle != 0) {
+            let NamedLeader { vehicle, headway } = named[row];
+            let frame = track.first_frame + (row - track.rows.start) as u32;
+            if vehicle == track.vehicle || track_at(tracks, vehicle, frame).is_some() {
+                return Err(format!(
+                    "row {row} names vehicle {vehicle} as leader, which has a row of its own in its frame"
+                ));
+            }
+            if !(headway.is_finite() && headway > 0.) {
+                return Err(format!("row {row} has its leader {headway} m ahead; it must be positive"));
+            }
+        }
+    }
     Ok(())
+}
+
+/// Index of the track of `vehicle` that is present in `frame`, of tracks by vehicle and segment.
+pub(crate) fn track_at(tracks: &[Track], vehicle: u32, frame: u32) -> Option<usize> {
+    let first = tracks.partition_point(|track| track.vehicle < vehicle);
+    let own = tracks[first..].iter().take_while(|track| track.vehicle == vehicle);
+    own.zip(first..).find(|(track, _)| track.row_at(frame).is_some()).map(|(_, index)| index)
 }

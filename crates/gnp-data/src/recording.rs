@@ -1,5 +1,6 @@
 //! One recording: every track of one file (or one period of a site), track-major, in SI units.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use gnp_force::MarkingKind;
@@ -159,6 +160,15 @@ pub struct TrackState {
     pub vy: f32,
 }
 
+/// A vehicle that a row names as the one directly ahead in its lane, and that has no row of its own in that frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NamedLeader {
+    /// Vehicle of the file; 0 where the row names none.
+    pub vehicle: u32,
+    /// From the front of the row's vehicle to its front, m.
+    pub headway: f32,
+}
+
 /// No track in a slot of [`Columns::neighbours`].
 pub(crate) const NO_TRACK: u32 = u32::MAX;
 
@@ -180,6 +190,8 @@ pub struct Columns {
     pub lane: Vec<i16>,
     /// Track in each of the eight slots at this row.
     pub neighbours: Vec<[u32; SLOTS]>,
+    /// The vehicle ahead of each row that is known from this row alone; `None` where no row names one.
+    pub named_leader: Option<Vec<NamedLeader>>,
 }
 
 /// One recording, immutable once built; windows are views into it.
@@ -190,7 +202,12 @@ pub struct Recording {
     pub(crate) tracks: Vec<Track>,
     pub(crate) columns: Columns,
     pub(crate) frames: FrameIndex,
+    /// Place of each lane number in the order from the left, 1 leftmost, where neighbours were found from lanes.
+    pub(crate) lane_order: Option<LaneOrder>,
 }
+
+/// Lane numbers of the data, each with its place in the order from the left.
+pub(crate) type LaneOrder = BTreeMap<i16, i16>;
 
 impl Recording {
     /// Where it comes from.
@@ -248,5 +265,10 @@ impl Recording {
     pub fn neighbour(&self, row: usize, slot: Slot) -> Option<usize> {
         let track = self.columns.neighbours[row][slot.index()];
         (track != NO_TRACK).then_some(track as usize)
+    }
+
+    /// What `row` says of a vehicle ahead that has no row of its own.
+    pub(crate) fn named_leader(&self, row: usize) -> Option<NamedLeader> {
+        self.columns.named_leader.as_ref()?.get(row).copied().filter(|named| named.vehicle != 0)
     }
 }

@@ -40,10 +40,10 @@ pub struct WindowId {
 /// fitted to all of it.
 #[derive(Clone, Copy)]
 pub struct Observation<'a> {
-    recording: &'a Recording,
-    shape: WindowShape,
-    track: usize,
-    row: usize,
+    pub(crate) recording: &'a Recording,
+    pub(crate) shape: WindowShape,
+    pub(crate) track: usize,
+    pub(crate) row: usize,
 }
 
 /// What really happened after the last observed frame. Scoring and training take it; a
@@ -141,7 +141,7 @@ impl<'a> Observation<'a> {
     }
 
     /// The target's track. Its rows reach into the future, so no caller may follow them.
-    fn track(&self) -> &'a Track {
+    pub(crate) fn track(&self) -> &'a Track {
         &self.recording.tracks()[self.track]
     }
 
@@ -233,14 +233,18 @@ impl<'a> Observation<'a> {
         self.recording.roads()[road].lines.iter().map(move |line| LaneMarking { y: line.y - y0, ..*line })
     }
 
+    /// Frame number of observed frame `i` of `0..t_obs`.
+    pub(crate) fn observed_frame(&self, i: usize) -> Option<u32> {
+        let back = (self.shape.t_obs - 1).checked_sub(i)? * self.shape.step;
+        self.frame().checked_sub(back as u32)
+    }
+
     /// State of `track` in observed frame `i`, window frame; `None` where it is absent.
-    fn state_of(&self, track: usize, i: usize) -> Option<TrackState> {
-        let last = self.shape.t_obs - 1;
-        let back = (last.checked_sub(i)? * self.shape.step) as u32;
-        let frame = self.frame().checked_sub(back)?;
+    pub(crate) fn state_of(&self, track: usize, i: usize) -> Option<TrackState> {
+        let frame = self.observed_frame(i)?;
         let row = self.recording.tracks()[track].row_at(frame)?;
         let mut state = self.recording.state(row);
-        if back == 0 {
+        if frame == self.frame() {
             // An unknown velocity is assumed to be the target's, which `new` has seen to be known.
             let own = self.recording.velocity_one_sided(track, row);
             let velocity = own.or_else(|| self.recording.velocity_one_sided(self.track, self.row));
@@ -273,8 +277,8 @@ impl fmt::Debug for Window<'_> {
 /// A vehicle near the target, seen up to the target's last observed frame.
 #[derive(Clone, Copy)]
 pub struct Neighbour<'a> {
-    observation: Observation<'a>,
-    track: usize,
+    pub(crate) observation: Observation<'a>,
+    pub(crate) track: usize,
 }
 
 impl<'a> Neighbour<'a> {

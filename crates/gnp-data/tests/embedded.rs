@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use gnp_data::{
-    Dataset, Expectation, Recording, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowSet, discover,
+    Dataset, Expectation, Recording, Slot, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowSet, discover,
     overlaps, read,
 };
 
@@ -82,4 +82,28 @@ fn simulated_recordings_give_windows_of_a_full_three_seconds() {
     }
     // Everybody drives forward, on both carriageways.
     assert!(set.iter().all(|window| window.truth().goal()[0] > 0.));
+}
+
+#[test]
+fn every_i_80_window_has_a_leader_and_most_are_named() {
+    let recordings = embedded("ngsim", Dataset::NGSIM);
+    let config =
+        WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 10., stride_s: 1., site_stride_s: Default::default() };
+    let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
+    let i_80 = set.iter().map(|window| window.observation()).filter(|it| it.site() == "i-80");
+    let leaders: Vec<_> = i_80.map(|it| (it.neighbour(Slot::Preceding), it.leader())).collect();
+    let share = |count: usize| count as f64 / leaders.len() as f64;
+    let recorded = share(leaders.iter().filter(|(slot, _)| slot.is_some()).count());
+    let known: Vec<_> = leaders.iter().filter_map(|(_, leader)| *leader).collect();
+    assert!((0.85..0.95).contains(&recorded) && share(known.len()) > 0.99, "{recorded}, {}", share(known.len()));
+    // More than half of them are nearer than whoever is recorded.
+    let named: Vec<_> = known.iter().filter(|leader| leader.recorded().is_none()).collect();
+    assert!((0.5..0.6).contains(&share(named.len())), "{}", share(named.len()));
+    // They drive as vehicles do: m, m/s.
+    let (mut gaps, mut speeds): (Vec<f32>, Vec<f32>) = named.iter().map(|it| (it.now().x, it.now().vx)).unzip();
+    let median = |values: &mut Vec<f32>| {
+        values.sort_by(f32::total_cmp);
+        values[values.len() / 2]
+    };
+    assert!((10. ..25.).contains(&median(&mut gaps)) && (6. ..12.).contains(&median(&mut speeds)));
 }

@@ -7,7 +7,7 @@ mod scene;
 use gnp_data::{
     Dataset, Neighbour, Observation, Recording, SLOTS, TrackState, VelocitySource, Window, WindowError, WindowShape,
 };
-use scene::{NO_TRACK, Snippet, from_positions};
+use scene::{NO_TRACK, Snippet, from_positions, named};
 
 const SHAPE: WindowShape = WindowShape { t_obs: 7, t_pred: 11, step: 2, rate_hz: 5. };
 /// Last observed frame; six steps of two frames before it are observed.
@@ -67,7 +67,14 @@ fn scene(future: Future) -> Recording {
         }
         slots
     };
-    from_positions(Dataset::NGSIM, "scene", "site", 10., &snippets, &position, &neighbours)
+    let recording = from_positions(Dataset::NGSIM, "scene", "site", 10., &snippets, &position, &neighbours);
+    // Vehicles 4 and 2 also name leaders that have no row, 4 a few frames long.
+    named(recording, |vehicle, frame| match vehicle {
+        _ if frame > T0 && matches!(future, Future::Scrambled) => Some((60 + frame, 5.)),
+        2 => Some((90, 20. + 0.01 * (frame * frame) as f32)),
+        4 => Some((91, 30. - frame as f32 / 8.)),
+        _ => None,
+    })
 }
 
 fn observe(recording: &Recording) -> Observation<'_> {
@@ -108,6 +115,13 @@ fn reachable(observation: Observation<'_>, depth: usize) -> Vec<u32> {
         bits.extend(neighbour.map_or_else(|| vec![u32::MAX], &seen));
     }
     bits.extend(observation.others().flat_map(seen));
+    for leader in observation.column().chain(observation.others().filter_map(|other| other.leader())) {
+        bits.extend([leader.vehicle(), leader.leader().map_or(0, |next| next.vehicle())]);
+        bits.extend(leader.size().map(f32::to_bits));
+        for i in 0..=SHAPE.t_obs {
+            bits.extend(leader.state(i).map_or([u32::MAX; 4], |s| state(s).map(f32::to_bits)));
+        }
+    }
     bits
 }
 

@@ -40,6 +40,7 @@ fn recording() -> Recording {
         vy: (0..rows).map(|row| row as f32 / 4.).collect(),
         lane: vec![1; rows],
         neighbours,
+        named_leader: None,
     };
     let tracks = vec![track(9, VehicleClass::Truck, 0..50), track(14, VehicleClass::Car, 50..70)];
     Recording::from_parts(meta, vec![road(1, 50.), road(2, 0.)], tracks, columns).unwrap()

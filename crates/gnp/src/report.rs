@@ -166,10 +166,7 @@ fn quality(report: &IngestSummary) -> ReportTable {
             .to_owned(),
     ];
     for report in &report.recordings {
-        let reasons = report.quality.skipped_rows.iter().map(|(why, n)| format!("{n} rows left out: {why}"));
-        notes.extend(
-            reasons.chain(report.quality.notes.iter().cloned()).map(|n| format!("{}: {n}", report.quality.recording)),
-        );
+        notes.extend(report.quality.remarks().iter().map(|remark| format!("{}: {remark}", report.quality.recording)));
     }
     ReportTable {
         title: "What was read, and what was left out".to_owned(),

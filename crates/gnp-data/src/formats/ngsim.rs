@@ -16,14 +16,14 @@ use crate::error::DataError;
 use crate::format::{Format, Source, check_rate};
 use crate::ingest_report::IngestReport;
 use crate::lanes::{self, MAX_LANE_WIDTH};
-use crate::recording::{Recording, RecordingMeta, Road, VehicleClass};
+use crate::recording::{NamedLeader, Recording, RecordingMeta, Road, VehicleClass};
 use crate::schema::{Column, Schema, TableSchema};
 
 /// The format.
 pub(super) struct Ngsim;
 
 /// Columns that are described.
-const READ: [Column; 11] = [
+const READ: [Column; 13] = [
     Column::new("Vehicle_ID", "-", "vehicle; begins again in every period, and may return after a gap"),
     Column::new("Frame_ID", "0.1 s", "frame; begins again in every period"),
     Column::new("Global_Time", "ms", "time; tells periods and the rate"),
@@ -34,6 +34,8 @@ const READ: [Column; 11] = [
     Column::new("v_Class", "-", "1 motorcycle, 2 car, 3 truck"),
     Column::new("v_Vel", "ft/s", "speed, a scalar: checked, then left; velocities come from positions"),
     Column::new("Lane_ID", "-", "lane, 1 leftmost; 7 and 8 are ramps; 0 unknown"),
+    Column::new("Preceding", "-", "vehicle directly ahead, where the file has it; 0 none"),
+    Column::new("Space_Headway", "ft", "from its front to that of the vehicle ahead, where the file has it"),
     Column::new(
         "Location",
         "-",
@@ -70,7 +72,8 @@ impl Format for Ngsim {
             vec![TableSchema::new("Columns read", &READ)],
             "feet become metres; the front centre becomes the centre, half a length back; x = Local_Y,\n\
              y = -Local_X. The data has no markings: lane lines are fitted midway between the lanes' median\n\
-             positions, with edges 3.66 m beyond the outermost. Neighbours come from Lane_ID and x.\n",
+             positions, with edges 3.66 m beyond the outermost. Neighbours come from Lane_ID and x; Preceding\n\
+             counts where the vehicle it names has no row of its own.\n",
         )
     }
 
@@ -127,6 +130,12 @@ const KNOWN: [&str; 10] = [
     "v_Vel",
     "Lane_ID",
 ];
+
+/// Names of the columns that tell the vehicle directly ahead, which a file need not have.
+const LEADER: [&[&str]; 2] = [&["Preceding"], &["Space_Headway", "Space_Hdwy"]];
+
+/// Headways from here on stand for none, ft.
+const NO_HEADWAY: f32 = 9999.;
 
 /// Columns that tell the merged export from a period's file.
 const MERGED: [&str; 3] = ["O_Zone", "D_Zone", "Section_ID"];
@@ -205,6 +214,9 @@ struct Raw {
     class: Vec<VehicleClass>,
     lane: Vec<i16>,
     site: Option<(Vec<u16>, Vec<String>)>,
+    leader: Option<Vec<NamedLeader>>,
+    /// What is wrong with the columns of the vehicle ahead, if they cannot be read.
+    no_leader: Option<String>,
 }
 
 /// Recordings of a file: one for each site and period.
@@ -234,6 +246,9 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
         let (recording, mut quality) = build(&table, &raw, group, name, source, rate_hz, merged)?;
         quality.skipped_rows = std::mem::take(&mut skipped);
         quality.notes.extend(source.notes.iter().cloned());
+        quality
+            .notes
+            .extend(raw.no_leader.iter().map(|wrong| format!("vehicles ahead are not taken from the file: {wrong}")));
         recordings.push((recording, quality));
     }
     Ok(recordings)
@@ -254,8 +269,16 @@ fn read_rows(table: &Table) -> Result<Raw, DataError> {
     ];
     let [vehicle, frame, _, _, _, length, width, class, speed, lane] = columns;
     let location = table.find(&["Location"]).map(|index| Wanted { index, kind: Kind::Word });
-    let wanted: Vec<Wanted> = columns.into_iter().chain(location).collect();
-    let mut values = table.read(&wanted)?.into_iter();
+    let place = |names, kind| table.find(names).map(|index| Wanted { index, kind });
+    let leader = place(LEADER[0], Kind::Whole).zip(place(LEADER[1], Kind::Real));
+    let needed: Vec<Wanted> = columns.into_iter().chain(location).collect();
+    let wanted: Vec<Wanted> = needed.iter().copied().chain(leader.into_iter().flat_map(|(a, b)| [a, b])).collect();
+    let (values, no_leader) = match table.read(&wanted) {
+        // What need not be there need not be right.
+        Err(wrong) if leader.is_some() => (table.read(&needed)?, Some(wrong.to_string())),
+        read => (read?, None),
+    };
+    let mut values = values.into_iter();
     let mut next = || values.next();
 
     let whole = |values: Option<super::table::Values>| values.map(super::table::Values::whole).unwrap_or_default();
@@ -300,8 +323,20 @@ fn read_rows(table: &Table) -> Result<Raw, DataError> {
         width: widths,
         class: classes.iter().filter_map(class_of).collect(),
         lane: lanes,
-        site: next().map(super::table::Values::words),
+        site: location.and_then(|_| next()).map(super::table::Values::words),
+        leader: next()
+            .map(|vehicle| leaders(&vehicle.whole(), &next().map(super::table::Values::real).unwrap_or_default())),
+        no_leader,
     })
+}
+
+/// The vehicle ahead of each row; headways in ft.
+fn leaders(vehicles: &[i32], headways: &[f32]) -> Vec<NamedLeader> {
+    let leader = |(vehicle, headway): (&i32, &f32)| NamedLeader {
+        vehicle: u32::try_from(*vehicle).unwrap_or(0),
+        headway: if *headway < NO_HEADWAY { (f64::from(*headway) * FOOT) as f32 } else { 0. },
+    };
+    vehicles.iter().zip(headways).map(leader).collect()
 }
 
 /// Site of every row by code, the list of sites with `None` for those that are not motorways, and
@@ -365,7 +400,8 @@ fn build(
     let vehicle = (0..count).map(|i| raw.vehicle[at(i)]).collect();
     let frame = (0..count).map(|i| raw.frame[at(i)]).collect();
     let neighbours = NeighbourSource::Lanes(|lane| lane.min(RAMP));
-    let rows = Rows { lane, neighbours, ..Rows::new(vehicle, frame, x, y) };
+    let leader = raw.leader.as_ref().map(|leader| (0..count).map(|i| leader[at(i)]).collect());
+    let rows = Rows { lane, neighbours, leader, ..Rows::new(vehicle, frame, x, y) };
     let body = |i: usize| {
         let row = at(i);
         VehicleBody { class: raw.class[row], length: raw.length[row], width: raw.width[row], road: 0 }

@@ -6,6 +6,7 @@ mod bad_input;
 mod cache;
 mod highd;
 mod layouts;
+mod leaders;
 mod merged;
 mod ngsim;
 mod quality;

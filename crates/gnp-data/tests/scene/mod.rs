@@ -3,7 +3,9 @@
 #![allow(dead_code)] // each test file takes what it needs
 #![allow(clippy::unwrap_used)] // only tests call these
 
-use gnp_data::{Columns, Dataset, LaneMarking, Recording, RecordingMeta, Road, SLOTS, Track, WindowConfig};
+use gnp_data::{
+    Columns, Dataset, LaneMarking, NamedLeader, Recording, RecordingMeta, Road, SLOTS, Track, WindowConfig,
+};
 
 /// No vehicle in a neighbour slot.
 pub(crate) const NO_TRACK: u32 = u32::MAX;
@@ -59,4 +61,16 @@ pub(crate) fn from_positions(
     let lines = [(-2., true), (1.75, false), (5.5, true)].map(|(y, boundary)| LaneMarking::new(y, boundary)).to_vec();
     let meta = RecordingMeta::new(dataset, site, name, rate_hz);
     Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
+}
+
+/// The same recording, in which a vehicle in a frame also names a leader without rows: (vehicle, headway in m).
+pub(crate) fn named(recording: Recording, leader: impl Fn(u32, u32) -> Option<(u32, f32)>) -> Recording {
+    let (roads, tracks) = (recording.roads().to_vec(), recording.tracks().to_vec());
+    let rows =
+        tracks.iter().flat_map(|track| track.rows.clone().zip(track.first_frame..).map(|(_, f)| (track.vehicle, f)));
+    let leaders = rows.map(|(vehicle, frame)| {
+        leader(vehicle, frame).map_or_else(NamedLeader::default, |(vehicle, headway)| NamedLeader { vehicle, headway })
+    });
+    let columns = Columns { named_leader: Some(leaders.collect()), ..recording.columns().clone() };
+    Recording::from_parts(recording.meta().clone(), roads, tracks, columns).unwrap()
 }

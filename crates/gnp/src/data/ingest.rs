@@ -175,11 +175,8 @@ impl IngestSummary {
              short, at a track's end.\n"
         ));
         for report in &self.recordings {
-            for (reason, rows) in &report.quality.skipped_rows {
-                text.push_str(&format!("{}: {rows} rows left out: {reason}\n", report.quality.recording));
-            }
-            for note in &report.quality.notes {
-                text.push_str(&format!("{}: {note}\n", report.quality.recording));
+            for remark in report.quality.remarks() {
+                text.push_str(&format!("{}: {remark}\n", report.quality.recording));
             }
         }
         fitted(&text)
