@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use gnp_data::{Forecast, Mode, Observation, PredictError, Predictor, WindowShape};
 use gnp_force::{
-    CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, TermDescriptor, free_acceleration, interaction,
+    CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, HARDEST_BRAKING, TermDescriptor, free_acceleration, interaction,
 };
 use serde::{Deserialize, Serialize};
 
@@ -28,13 +28,19 @@ pub(crate) const RULE: Rule = Rule::new(
 );
 
 /// Time over which speeds are estimated, s.
-const SPEED_SPAN_S: f64 = 0.8;
-/// Time over which accelerations are estimated, s.
-const ACCELERATION_SPAN_S: f64 = 1.;
+const SPEED_SPAN_S: f64 = 1.2;
+/// Times over which accelerations are estimated, s: short, and long.
+const ACCELERATION_SPANS_S: [f64; 2] = [1., 3.];
+/// No measurement is believed to be better, as a variance of accelerations, m²/s⁴.
+const LEAST_VARIANCE: f64 = 1e-6;
 /// No acceleration is believed to be larger, m/s².
 const MOST_ACCELERATION: f64 = 3.;
 /// Below this speed a time gap says nothing, m/s.
 const LEAST_SPEED: f64 = 3.;
+/// Least gap that a time gap is read from, m: boxes overlap in recordings.
+const LEAST_GAP: f64 = 0.1;
+/// A driver wants to go so many times as fast as he does, at least.
+const SPARE_SPEED: f64 = 1.2;
 /// Time gaps that drivers keep, s.
 const TIME_GAPS: [f64; 2] = [0.3, 3.];
 /// Time in which a speed sideways dies away to 1/e, s.
@@ -54,11 +60,13 @@ pub struct Drivers {
     pub braking: f64,
     /// Gap at standstill, bumper to bumper, m.
     pub standstill_gap: f64,
-    /// Speed on an empty road, m/s.
+    /// Speed on an empty road, m/s; for a driver who is near it or faster, a fifth more than he drives now.
     pub desired_speed: f64,
     /// Standard deviation of what drivers do beyond the rule, m/s²: an acceleration that is measured worse than that
     /// counts for little.
     pub habit: f64,
+    /// Of what does not count of the acceleration over a short time, the share that the one over a long time takes.
+    pub slow_habit: f64,
     /// Time in which that dies away to 1/e, s.
     pub decay: f64,
 }
@@ -90,14 +98,15 @@ pub struct PlatoonParameters {
 impl Drivers {
     /// What is typical of full motorways; what is not fitted stays like this.
     pub const TYPICAL: Self = Self {
-        time_gap: 0.8,
-        own_gap: 0.6,
-        acceleration: 0.7,
-        braking: 1.2,
+        time_gap: 0.85,
+        own_gap: 0.5,
+        acceleration: 0.65,
+        braking: 1.9,
         standstill_gap: 2.,
         desired_speed: 30.,
-        habit: 0.07,
-        decay: 5.,
+        habit: 0.06,
+        slow_habit: 0.06,
+        decay: 8.,
     };
 
     fn check(&self) -> Result<(), BaselineError> {
@@ -113,10 +122,13 @@ impl Drivers {
         ];
         match all.into_iter().find(|(_, value, _)| !(value.is_finite() && *value > 0.)) {
             Some((key, value, default)) => Err(BaselineError::Parameter { key, value, default }),
-            None if !(0. ..=1.).contains(&self.own_gap) => {
-                Err(BaselineError::Parameter { key: "own_gap", value: self.own_gap, default: typical.own_gap })
-            }
-            None => Ok(()),
+            None => [
+                ("own_gap", self.own_gap, typical.own_gap),
+                ("slow_habit", self.slow_habit, typical.slow_habit),
+            ]
+            .into_iter()
+            .find(|(_, share, _)| !(0. ..=1.).contains(share))
+            .map_or(Ok(()), |(key, value, default)| Err(BaselineError::Parameter { key, value, default })),
         }
     }
 }
@@ -124,10 +136,11 @@ impl Drivers {
 /// Every vehicle of the column ahead follows the next one as the Intelligent Driver Model says, all at once, and stays in
 /// its lane; see [`gnp_force::Platoon`].
 ///
-/// A driver's time gap is blended from the common one and the one he keeps now. What he does now beyond the rule goes on
-/// and dies away, as far as it can be told from noise: of the difference between his measured acceleration and the rule's,
-/// the share `h² / (h² + se²)` with `h` the spread of such differences among drivers ([`Drivers::habit`]) and `se` the
-/// standard error of the measurement. A vehicle with nobody ahead keeps its speed but for that.
+/// A driver's time gap is blended from the common one and the one he keeps now. What he does now beyond the rule, his
+/// habit, goes on and dies away, as far as it can be told from noise: of the difference between his acceleration over the
+/// last second and the rule's, the share `h² / (h² + se²)` with `h` the spread of such differences among drivers
+/// ([`Drivers::habit`]) and `se` the standard error of the measurement; of what is missing to 1, the acceleration over the
+/// last three seconds has a share ([`Drivers::slow_habit`]). A vehicle with nobody ahead keeps its speed but for that.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct PlatoonRule {
@@ -243,7 +256,8 @@ impl PlatoonRule {
 
 fn spans(shape: WindowShape) -> Spans {
     let of = |seconds: f64| ((seconds * shape.rate_hz).round() as usize).clamp(1, shape.t_obs.saturating_sub(1).max(1));
-    Spans { speed: of(SPEED_SPAN_S), acceleration: of(ACCELERATION_SPAN_S) }
+    let [short, long] = ACCELERATION_SPANS_S;
+    Spans { speed: of(SPEED_SPAN_S), acceleration: of(short), slow_acceleration: of(long) }
 }
 
 /// Rolls `vehicles` out into `motion`; `followers` is room to work in.
@@ -254,37 +268,41 @@ fn roll_out(
     followers: &mut Vec<Follower<f64>>,
     motion: &mut Motion,
 ) -> Result<(), ForceError> {
-    let believed = |it: &SeenVehicle| drivers.habit.powi(2) / (drivers.habit.powi(2) + it.variance);
-    let measured = |it: &SeenVehicle| it.acceleration.clamp(-MOST_ACCELERATION, MOST_ACCELERATION);
+    // Shares of the short and the long acceleration, and both together.
+    let measured = |it: &SeenVehicle| {
+        let short = drivers.habit.powi(2) / (drivers.habit.powi(2) + it.variance + LEAST_VARIANCE);
+        let long = (1. - short) * drivers.slow_habit;
+        let bounded = |value: f64| value.clamp(-MOST_ACCELERATION, MOST_ACCELERATION);
+        (short + long, short * bounded(it.acceleration) + long * bounded(it.slow_acceleration))
+    };
     followers.clear();
-    followers.extend(vehicles.iter().map(|it| Follower {
-        position: it.position,
-        // From the middle of its span to its end.
-        speed: (it.speed + believed(it) * measured(it) * SPEED_SPAN_S / 2.).max(0.),
-        length: it.length,
-        leader: it.leader,
-        driver: Driver {
-            desired_speed: drivers.desired_speed,
-            time_gap: drivers.time_gap,
-            standstill_gap: drivers.standstill_gap,
-            acceleration: drivers.acceleration,
-            braking: drivers.braking,
-        },
-        habit: 0.,
+    followers.extend(vehicles.iter().map(|it| {
+        let speed = (it.speed.max(0.) + it.since * measured(it).1).max(0.);
+        let desired_speed = drivers.desired_speed.max(speed * SPARE_SPEED);
+        let Drivers { time_gap, standstill_gap, acceleration, braking, .. } = *drivers;
+        Follower {
+            position: it.position,
+            speed,
+            length: it.length,
+            leader: it.leader,
+            driver: Driver { desired_speed, time_gap, standstill_gap, acceleration, braking },
+            habit: 0.,
+        }
     }));
     for (i, it) in vehicles.iter().enumerate() {
         let mut rule = 0.;
         if let Some(leader) = it.leader {
-            let ahead = followers[leader];
-            let Follower { position, speed, length, ref mut driver, .. } = followers[i];
-            let (distance, body) = (ahead.position - position, (ahead.length + length) / 2.);
-            let own = (distance - body - drivers.standstill_gap) / speed.max(LEAST_SPEED);
-            driver.time_gap += drivers.own_gap * (own.clamp(TIME_GAPS[0], TIME_GAPS[1]) - driver.time_gap);
-            followers[i].driver = *driver;
-            let driver = followers[i].driver;
-            rule = free_acceleration(speed, &driver) + interaction(distance, body, speed, ahead.speed, &driver);
+            let (ahead, own) = (followers[leader], &mut followers[i]);
+            let (distance, body) = (ahead.position - own.position, (ahead.length + own.length) / 2.);
+            let gap = (distance - body).max(LEAST_GAP) - drivers.standstill_gap;
+            let kept = (gap / own.speed.max(LEAST_SPEED)).clamp(TIME_GAPS[0], TIME_GAPS[1]);
+            own.driver.time_gap += drivers.own_gap * (kept - own.driver.time_gap);
+            let pull = free_acceleration(own.speed, &own.driver);
+            let push = interaction(distance, body, own.speed, ahead.speed, &own.driver);
+            rule = (pull + push).max(-HARDEST_BRAKING);
         }
-        followers[i].habit = believed(it) * (measured(it) - rule);
+        let (share, measured) = measured(it);
+        followers[i].habit = measured - share * rule;
     }
     motion.steps = shape.t_pred;
     motion.start.clear();

@@ -34,12 +34,13 @@ const fn parameter(name: &'static str, of: fn(&mut Drivers) -> &mut f64, range: 
     Parameter { name, of, range }
 }
 
-const FITTED: [Parameter; 6] = [
+const FITTED: [Parameter; 7] = [
     parameter("time_gap", |d| &mut d.time_gap, [0.4, 2.5]),
     parameter("own_gap", |d| &mut d.own_gap, [0., 1.]),
     parameter("acceleration", |d| &mut d.acceleration, [0.3, 2.5]),
     parameter("braking", |d| &mut d.braking, [1., 4.]),
     parameter("habit", |d| &mut d.habit, [0.005, 1.]),
+    parameter("slow_habit", |d| &mut d.slow_habit, [0., 1.]),
     parameter("decay", |d| &mut d.decay, [1., 10.]),
 ];
 

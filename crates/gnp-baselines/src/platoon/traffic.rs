@@ -27,23 +27,26 @@ pub struct SeenVehicle {
     pub position: f64,
     /// Speed forward, m/s, as the slope of a straight line: that of the middle of its span, where the vehicle accelerates.
     pub speed: f64,
-    /// Acceleration forward, m/s²; 0 where too little was seen.
+    /// From the middle of that span until the last observed frame, s.
+    pub since: f64,
+    /// Acceleration forward over a short time, m/s².
     pub acceleration: f64,
-    /// Variance of the acceleration as an estimate, m²/s⁴; infinite where too little was seen.
+    /// Its variance as an estimate, m²/s⁴; infinite where too little was seen.
     pub variance: f64,
+    /// Acceleration forward over a long time, m/s²: late, but told better from noise.
+    pub slow_acceleration: f64,
     /// Length, m.
     pub length: f64,
     /// Vehicle that it follows, by its place in the list.
     pub leader: Option<usize>,
 }
 
-/// Over which past motion is estimated.
+/// Over how many frame periods of the past motion is estimated, at most.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Spans {
-    /// Frame periods of the speed.
     pub(crate) speed: usize,
-    /// Frame periods of the acceleration.
     pub(crate) acceleration: usize,
+    pub(crate) slow_acceleration: usize,
 }
 
 impl Traffic {
@@ -107,6 +110,7 @@ impl Traffic {
             it.speed *= factor;
             it.acceleration *= factor;
             it.variance *= factor * factor;
+            it.slow_acceleration *= factor;
         }
         self
     }
@@ -180,20 +184,27 @@ fn seen(
     length: f64,
     spans: Spans,
 ) -> SeenVehicle {
-    let most = spans.speed.max(spans.acceleration);
+    let most = spans.speed.max(spans.acceleration).max(spans.slow_acceleration);
     // Latest first.
     let back = (0..=most).map_while(|back| state(t_obs.checked_sub(1 + back)?));
     let x: Vec<f64> = back.map(|state| f64::from(state.x)).collect();
     let now = state(t_obs.saturating_sub(1)).unwrap_or_default();
     let over = |periods: usize| x[..x.len().min(periods + 1)].iter().rev().copied();
-    let speed = if x.len() < 2 { f64::from(now.vx) } else { slope(over(spans.speed)) / dt };
-    let (acceleration, variance) =
-        if x.len() < LEAST { (0., f64::INFINITY) } else { curvature(over(spans.acceleration), dt) };
-    SeenVehicle { vehicle, position: f64::from(now.x), speed, acceleration, variance, length, leader: None }
+    let (speed, since) = match over(spans.speed).len() {
+        0 | 1 => (f64::from(now.vx), 0.),
+        seen => (slope(over(spans.speed)) / dt, (seen - 1) as f64 * dt / 2.),
+    };
+    let ((acceleration, variance), (slow_acceleration, _)) = if x.len() < LEAST {
+        ((0., f64::INFINITY), (0., 0.))
+    } else {
+        (curvature(over(spans.acceleration), dt), curvature(over(spans.slow_acceleration), dt))
+    };
+    let position = f64::from(now.x);
+    SeenVehicle { vehicle, position, speed, since, acceleration, variance, slow_acceleration, length, leader: None }
 }
 
 /// Positions without which no acceleration is told from noise.
-const LEAST: usize = 5;
+const LEAST: usize = 4;
 
 /// Second derivative of the parabola through values `dt` apart, and its variance as the residuals tell it.
 fn curvature(values: impl ExactSizeIterator<Item = f64> + Clone, dt: f64) -> (f64, f64) {
@@ -212,7 +223,7 @@ fn curvature(values: impl ExactSizeIterator<Item = f64> + Clone, dt: f64) -> (f6
     }
     let (mean, slope, bend) = (sum / count, linear / squares, quadratic / fourths);
     let off = |(i, value): (usize, f64)| value - mean - slope * time(i) - bend * (time(i).powi(2) - mean_square);
-    let residual: f64 = values.enumerate().map(|it| off(it).powi(2)).sum::<f64>() / (count - 3.);
+    let residual: f64 = values.enumerate().map(|it| off(it).powi(2)).sum::<f64>() / (count - 3.).max(1.);
     (2. * bend / (dt * dt), 4. * residual / fourths / dt.powi(4))
 }
 
@@ -250,8 +261,10 @@ mod tests {
             vehicle,
             position: f64::from(vehicle) * 20.,
             speed: 10.,
+            since: 0.4,
             acceleration: 0.,
             variance: 0.,
+            slow_acceleration: 0.,
             length: 5.,
             leader,
         };
