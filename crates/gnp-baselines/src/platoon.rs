@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 use gnp_data::{Forecast, Mode, Observation, PredictError, Predictor, WindowShape};
 use gnp_force::{
-    CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, HARDEST_BRAKING, TermDescriptor, free_acceleration, interaction,
+    CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, TermDescriptor,
+    following_acceleration,
 };
 use serde::{Deserialize, Serialize};
 
@@ -297,9 +298,7 @@ fn roll_out(
             let gap = (distance - body).max(LEAST_GAP) - drivers.standstill_gap;
             let kept = (gap / own.speed.max(LEAST_SPEED)).clamp(TIME_GAPS[0], TIME_GAPS[1]);
             own.driver.time_gap += drivers.own_gap * (kept - own.driver.time_gap);
-            let pull = free_acceleration(own.speed, &own.driver);
-            let push = interaction(distance, body, own.speed, ahead.speed, &own.driver);
-            rule = (pull + push).max(-HARDEST_BRAKING);
+            rule = following_acceleration(distance, body, own.speed, ahead.speed, &own.driver);
         }
         let (share, measured) = measured(it);
         followers[i].habit = measured - share * rule;

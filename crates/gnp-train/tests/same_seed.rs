@@ -158,15 +158,20 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
     let (train, validation) = ids.split_at(ids.len() - 17);
     let features = FeatureConfig {
         representation: Representation::Deviation,
+        reference: ReferencePath::Platoon,
         length_scale: 5.,
         velocity_window_s: 0.3,
         history_block_s: 0.2,
         car_following_features: true,
     };
     let seen = || train.iter().filter_map(|id| set.get(*id));
-    let features = Features::fit(&features, set.shape(), seen().map(|window| window.observation())).unwrap();
+    let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    let features = Features::fit(&features, set.shape(), Some(&platoon), seen().map(|window| window.observation())).unwrap();
     let futures: Vec<f32> = seen()
-        .flat_map(|window| features.future(&gnp_model::AugmentedView::recorded(window.observation()), &window))
+        .flat_map(|window| {
+            let seen = gnp_model::AugmentedView::recorded(window.observation());
+            features.future(&features.situation(seen).unwrap(), &window)
+        })
         .collect();
     let params = ModeParams { modes: 6, seed: SEED, max_iterations: 30, restarts: 1 };
     let modes = gnp_modes::fit(&futures, set.shape().t_pred, features.mode_frame(), &params).unwrap();
