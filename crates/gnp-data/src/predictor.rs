@@ -11,7 +11,7 @@ pub trait Predictor: Send + Sync {
     /// Name in tables and files, such as `gnp` or `constant velocity`.
     fn name(&self) -> &str;
 
-    /// One forecast a window, each with at most `k` modes, likeliest first.
+    /// One forecast a window, each with at most `k` modes, ordered as [`Forecast::modes`].
     ///
     /// # Errors
     /// When a window does not have the shape the predictor was made for, or the predictor fails.
@@ -34,7 +34,9 @@ pub trait OraclePredictor: Send + Sync {
 /// The futures of one window.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Forecast {
-    /// Likeliest first; probabilities sum to 1.
+    /// The first is the prediction where one is asked for; the others follow by falling probability. It is often the
+    /// likeliest, and need not be: where the squared error counts, the middle of what is likely is better than the
+    /// likeliest of a few. Probabilities sum to 1.
     pub modes: Vec<Mode>,
 }
 

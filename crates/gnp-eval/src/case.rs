@@ -148,7 +148,7 @@ impl<'a> ScoredWindow<'a> {
         self.reference
     }
 
-    /// The forecast's modes, likeliest first.
+    /// The forecast's modes: the prediction, then the others by falling probability.
     #[must_use]
     pub fn modes(&self) -> &[Mode] {
         self.modes
@@ -172,6 +172,10 @@ fn check(modes: &[Mode], frames: usize, asked: usize) -> Result<(), ForecastProb
     let mut before = f32::INFINITY;
     for (mode, Mode { probability, path, .. }) in modes.iter().enumerate() {
         let probability = *probability;
+        // The first is the prediction, whatever its probability.
+        if mode == 1 {
+            before = f32::INFINITY;
+        }
         if path.len() != frames {
             return Err(ForecastProblem::Frames { mode, needs: frames, found: path.len() });
         }

@@ -31,6 +31,7 @@ struct Sizes {
     modes: usize,
     representation: Representation,
     reference: ReferencePath,
+    vehicles_ahead: usize,
     goal: GoalConfig,
     traj: TrajConfig,
 }
@@ -43,6 +44,7 @@ fn small() -> Sizes {
         modes: 60,
         representation: Representation::Deviation,
         reference: ReferencePath::Platoon,
+        vehicles_ahead: 2,
         goal: GoalConfig {
             probability: ProbabilityHead::Decoder,
             regression: Regression::Residual,
@@ -69,6 +71,7 @@ fn published() -> Sizes {
         modes: 200,
         representation: Representation::Position,
         reference: ReferencePath::ConstantVelocity,
+        vehicles_ahead: 1,
         goal: GoalConfig {
             width: 64,
             heads: 4,
@@ -143,6 +146,7 @@ fn frame(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
             length_scale: 5.,
             velocity_window_s: 0.5,
             history_block_s: 0.,
+            vehicles_ahead: sizes.vehicles_ahead,
             car_following_features: false,
         };
         let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;

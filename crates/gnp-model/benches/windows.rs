@@ -58,6 +58,7 @@ fn windows(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
                 length_scale: 5.,
                 velocity_window_s: 0.5,
                 history_block_s: 0.,
+                vehicles_ahead: 1,
                 car_following_features: false,
             };
             let features = Features::fit(&config, shape, Some(&platoon), seen.iter().map(|seen| *seen.observation()))?;

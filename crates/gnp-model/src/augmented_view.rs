@@ -1,6 +1,6 @@
 //! An observation as the networks see it: as recorded, or mirrored and scaled along the road.
 
-use gnp_data::{BySlot, LaneMarking, Neighbour, Observation, Slot, TrackState, Truth, WindowShape};
+use gnp_data::{BySlot, LaneMarking, Leader, Neighbour, Observation, Slot, TrackState, Truth, WindowShape};
 
 /// An observation, possibly mirrored left-right together with lanes, neighbours and slots, and
 /// possibly scaled along the road: augmentations for training, never used for prediction.
@@ -85,7 +85,24 @@ impl<'a> AugmentedView<'a> {
     #[must_use]
     pub fn neighbour(&self, slot: Slot) -> Option<AugmentedNeighbour<'a>> {
         let neighbour = self.observation.neighbour(self.recorded_slot(slot))?;
-        Some(AugmentedNeighbour { seen: *self, neighbour })
+        Some(AugmentedNeighbour { seen: *self, who: Who::Neighbour(neighbour) })
+    }
+
+    /// The vehicle directly ahead of the target, also one that has no rows of its own and is known from the target's
+    /// alone.
+    #[must_use]
+    pub fn leader(&self) -> Option<AugmentedNeighbour<'a>> {
+        Some(AugmentedNeighbour { seen: *self, who: Who::Leader(self.observation.leader()?) })
+    }
+
+    /// The vehicle directly ahead of the one in `slot`; ahead of that in [`Slot::Preceding`] it is the leader's leader.
+    #[must_use]
+    pub fn leader_of(&self, slot: Slot) -> Option<AugmentedNeighbour<'a>> {
+        let leader = match slot {
+            Slot::Preceding => self.observation.leader()?.leader()?,
+            _ => self.observation.neighbour(self.recorded_slot(slot))?.leader()?,
+        };
+        Some(AugmentedNeighbour { seen: *self, who: Who::Leader(leader) })
     }
 
     /// Neighbours by slot.
@@ -118,39 +135,68 @@ impl<'a> AugmentedView<'a> {
     }
 }
 
-/// A neighbour in an [`AugmentedView`], in its target's window frame.
+/// Another vehicle in an [`AugmentedView`], in its target's window frame.
 #[derive(Clone, Copy, Debug)]
 pub struct AugmentedNeighbour<'a> {
     seen: AugmentedView<'a>,
-    neighbour: Neighbour<'a>,
+    who: Who<'a>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Who<'a> {
+    Neighbour(Neighbour<'a>),
+    Leader(Leader<'a>),
+}
+
+impl Who<'_> {
+    fn state(&self, i: usize) -> Option<TrackState> {
+        match self {
+            Self::Neighbour(it) => it.state(i),
+            Self::Leader(it) => it.state(i),
+        }
+    }
+
+    fn now(&self) -> TrackState {
+        match self {
+            Self::Neighbour(it) => it.now(),
+            Self::Leader(it) => it.now(),
+        }
+    }
 }
 
 impl AugmentedNeighbour<'_> {
     /// State in observed frame `i`; `None` where it is absent.
     #[must_use]
     pub fn state(&self, i: usize) -> Option<TrackState> {
-        self.neighbour.state(i).map(|state| self.seen.turned(state))
+        self.who.state(i).map(|state| self.seen.turned(state))
     }
 
     /// State at the last observed frame with the velocity fitted as in [`AugmentedView::velocity`] over the
     /// frames in which it is present.
     #[must_use]
     pub fn now(&self, window_s: f64) -> TrackState {
-        let now = self.neighbour.now();
-        let [vx, vy] = velocity_of(&self.neighbour, self.seen.observation.shape(), window_s);
+        let now = self.who.now();
+        let fitted = slope(self.seen.observation.shape(), window_s, |i| self.who.state(i));
+        let [vx, vy] = fitted.unwrap_or([now.vx, now.vy]);
         self.seen.turned(TrackState { vx, vy, ..now })
     }
 
     /// Number of the vehicle in its file.
     #[must_use]
     pub fn vehicle(&self) -> u32 {
-        self.neighbour.vehicle()
+        match self.who {
+            Who::Neighbour(it) => it.vehicle(),
+            Who::Leader(it) => it.vehicle(),
+        }
     }
 
     /// Length and width, m.
     #[must_use]
     pub fn size(&self) -> [f32; 2] {
-        self.neighbour.size()
+        match self.who {
+            Who::Neighbour(it) => it.size(),
+            Who::Leader(it) => it.size(),
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use gnp_goal::GoalShape;
 use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
 use serde::{Deserialize, Serialize};
 
-use crate::augmented_view::AugmentedView;
+use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
 use crate::error::ModelError;
 use crate::following;
 use crate::situation::{Following, ReferencePath, Situation};
@@ -42,6 +42,9 @@ pub struct FeatureConfig {
     /// sees, counted back from the last observed frame; what is left over at its beginning is not
     /// seen. 0 shows every frame, as published.
     pub history_block_s: f64,
+    /// Vehicles that the goal network sees ahead in the target's lane and in those beside: 1 as published, the eight
+    /// neighbours; with 2 also whom those ahead follow, and the leader where only the target's own rows name him.
+    pub vehicles_ahead: usize,
     /// Whether the goal network also gets where the reference path is after 1 to 5 s, or, where that is constant
     /// velocity, where a textbook driver (the Intelligent Driver Model) would be behind the leader; not published.
     pub car_following_features: bool,
@@ -62,11 +65,29 @@ impl FeatureConfig {
         if !(self.history_block_s.is_finite() && self.history_block_s >= 0.) {
             return Err(ModelError::config("features.history_block_s", "must be 0 or a positive number of seconds"));
         }
+        if !(1..=2).contains(&self.vehicles_ahead) {
+            return Err(ModelError::config("features.vehicles_ahead", "must be 1 or 2"));
+        }
         if self.reference == ReferencePath::Platoon && self.representation == Representation::Position {
             let problem = "is \"platoon\", from which positions are not deviations: set representation = \"deviation\"";
             return Err(ModelError::config("features.reference", problem));
         }
         Ok(())
+    }
+
+    /// The other vehicles that the goal network sees: those in the neighbour slots, then those ahead of the ones ahead.
+    fn others<'a>(&self, seen: &AugmentedView<'a>) -> Vec<Option<AugmentedNeighbour<'a>>> {
+        let mut others = Slot::ALL.map(|slot| seen.neighbour(slot)).to_vec();
+        if self.vehicles_ahead > 1 {
+            others[Slot::Preceding.index()] = seen.leader();
+            others.extend(FURTHER.map(|slot| seen.leader_of(slot)));
+        }
+        others
+    }
+
+    /// Number of [`FeatureConfig::others`].
+    fn slots(&self) -> usize {
+        SLOTS + if self.vehicles_ahead > 1 { FURTHER.len() } else { 0 }
     }
 
     /// Frames of each step of the history, from the earliest; every one ends before the next begins.
@@ -77,6 +98,9 @@ impl FeatureConfig {
     }
 }
 
+/// Vehicles whose leaders are seen, too.
+const FURTHER: [Slot; 3] = [Slot::Preceding, Slot::LeftPreceding, Slot::RightPreceding];
+
 /// Farthest lane line that is an input of the goal network, m.
 const LINE_REACH: f32 = 6.;
 
@@ -85,9 +109,9 @@ const LINE_REACH: f32 = 6.;
 pub struct GoalInputs {
     /// `[batch, observed features]`.
     pub observed: Tensor,
-    /// `[batch, 8, neighbour features]`; zeros where nobody is.
+    /// `[batch, slots, neighbour features]`; zeros where nobody is.
     pub neighbours: Tensor,
-    /// `[batch, 8]`, 1 where somebody is at the last observed frame.
+    /// `[batch, slots]`, 1 where somebody is at the last observed frame.
     pub mask: Tensor,
 }
 
@@ -124,8 +148,9 @@ impl Features {
         };
         let rows = |o: Observation<'a>| -> Result<_, ModelError> {
             let situation = situation(config, shape, platoon.as_ref(), AugmentedView::recorded(o))?;
-            let neighbours = Slot::ALL.map(|slot| neighbour_row(config, &situation, slot));
-            Ok((observed_row(config, &situation), neighbours.into_iter().flatten().collect::<Vec<_>>()))
+            let neighbours = config.others(&situation.seen).into_iter().flatten();
+            let neighbours = neighbours.map(|other| neighbour_row(config, &situation, &other)).collect::<Vec<_>>();
+            Ok((observed_row(config, &situation), neighbours))
         };
         let (mut observed, mut neighbours) = (Vec::new(), Vec::new());
         for observation in training {
@@ -185,7 +210,7 @@ impl Features {
         GoalShape {
             observed: self.observed.features(),
             neighbour: self.neighbour.features(),
-            slots: SLOTS,
+            slots: self.config.slots(),
             t_pred: self.shape.t_pred,
         }
     }
@@ -197,17 +222,19 @@ impl Features {
     pub fn goal_inputs(&self, situations: &[Situation<'_>], device: &Device) -> Result<GoalInputs, ModelError> {
         let (fo, fn_) = (self.observed.features(), self.neighbour.features());
         let mut observed = Vec::with_capacity(situations.len() * fo);
-        let mut neighbours = vec![0f32; situations.len() * SLOTS * fn_];
-        let mut mask = vec![0f32; situations.len() * SLOTS];
+        let slots = self.config.slots();
+        let mut neighbours = vec![0f32; situations.len() * slots * fn_];
+        let mut mask = vec![0f32; situations.len() * slots];
         for (b, situation) in situations.iter().enumerate() {
             self.check_shape(situation.seen.observation())?;
             let mut row = observed_row(&self.config, situation);
             self.observed.apply(&mut row)?;
             observed.extend_from_slice(&row);
-            for slot in Slot::ALL {
-                if let Some(mut row) = neighbour_row(&self.config, situation, slot) {
+            for (slot, other) in self.config.others(&situation.seen).into_iter().enumerate() {
+                if let Some(other) = other {
+                    let mut row = neighbour_row(&self.config, situation, &other);
                     self.neighbour.apply(&mut row)?;
-                    let at = b * SLOTS + slot.index();
+                    let at = b * slots + slot;
                     neighbours[at * fn_..(at + 1) * fn_].copy_from_slice(&row);
                     mask[at] = 1.;
                 }
@@ -216,8 +243,8 @@ impl Features {
         let b = situations.len();
         Ok(GoalInputs {
             observed: Tensor::from_vec(observed, (b, fo), device)?,
-            neighbours: Tensor::from_vec(neighbours, (b, SLOTS, fn_), device)?,
-            mask: Tensor::from_vec(mask, (b, SLOTS), device)?,
+            neighbours: Tensor::from_vec(neighbours, (b, slots, fn_), device)?,
+            mask: Tensor::from_vec(mask, (b, slots), device)?,
         })
     }
 
@@ -366,10 +393,9 @@ fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
     }
 }
 
-/// Features of the neighbour in `slot`, before standardising; zeros in steps without it.
-fn neighbour_row(config: &FeatureConfig, situation: &Situation<'_>, slot: Slot) -> Option<Vec<f32>> {
+/// Features of another vehicle, before standardising; zeros in steps without it.
+fn neighbour_row(config: &FeatureConfig, situation: &Situation<'_>, neighbour: &AugmentedNeighbour<'_>) -> Vec<f32> {
     let (seen, velocity) = (&situation.seen, situation.velocity);
-    let neighbour = seen.neighbour(slot)?;
     let shape = seen.observation().shape();
     let mut row = Vec::with_capacity(neighbour_width(config, shape));
     for block in config.blocks(shape) {
@@ -391,7 +417,7 @@ fn neighbour_row(config: &FeatureConfig, situation: &Situation<'_>, slot: Slot) 
     if config.representation == Representation::Deviation {
         row.extend(neighbour.size());
     }
-    Some(row)
+    row
 }
 
 #[cfg(test)]
@@ -406,6 +432,7 @@ mod tests {
             length_scale: 5.,
             velocity_window_s: 0.5,
             history_block_s,
+            vehicles_ahead: 1,
             car_following_features: false,
         };
         config.check().unwrap();

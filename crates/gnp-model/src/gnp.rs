@@ -21,7 +21,7 @@ use crate::error::ModelError;
 use crate::features::Features;
 use crate::contributions;
 use crate::scene::NeighbourFuture;
-use crate::select::{Selection, medoids};
+use crate::select::{Selection, central, medoids};
 use crate::situation::{ReferencePath, Situation};
 
 /// A trained GNP. A clone is cheap and shares the networks.
@@ -60,7 +60,7 @@ pub(crate) struct Trained {
 /// Goals and whole futures of the goal network, in the window's frame.
 #[derive(Clone, Debug)]
 pub(crate) struct Goals {
-    /// Likeliest first, by window.
+    /// By window; the prediction first, then the likeliest.
     pub(crate) futures: Vec<Vec<Vec<[f32; 2]>>>,
     /// Summing to 1 by window.
     pub(crate) probabilities: Vec<Vec<f32>>,
@@ -247,7 +247,7 @@ impl Gnp {
         let k = k.min(modes.len()).max(1);
         let decoded = match self.selection {
             Selection::MostProbable => k,
-            Selection::Medoids => modes.len(),
+            Selection::Medoids | Selection::Central => modes.len(),
         };
         let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, decoded)?;
         let scale = features.config().length_scale;
@@ -258,10 +258,12 @@ impl Gnp {
         for (situation, (paths, probabilities)) in situations.iter().zip(by_window) {
             let picked = match self.selection {
                 Selection::MostProbable => probabilities.into_iter().enumerate().collect(),
-                Selection::Medoids => {
+                selection => {
                     let ends: Vec<_> =
                         paths.chunks_exact(path).map(|path| [path[path.len() - 2], path[path.len() - 1]]).collect();
-                    medoids(&ends, &probabilities, k)
+                    let first =
+                        if selection == Selection::Central { central(&ends, &probabilities) } else { None };
+                    medoids(&ends, &probabilities, k, first)
                 }
             };
             let future = |mode: usize| features.to_window_frame(situation, &paths[mode * path..(mode + 1) * path]);

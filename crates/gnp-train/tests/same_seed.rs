@@ -8,9 +8,10 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use candle_core::{Device, Tensor};
+use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet};
 use gnp_goal::{GoalConfig, GoalNet, LabelConfig, LabelDistance, ProbabilityHead, Regression};
-use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourInput, Representation};
+use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourInput, ReferencePath, Representation};
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_train::{
@@ -162,6 +163,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
         length_scale: 5.,
         velocity_window_s: 0.3,
         history_block_s: 0.2,
+        vehicles_ahead: 2,
         car_following_features: true,
     };
     let seen = || train.iter().filter_map(|id| set.get(*id));
