@@ -29,6 +29,7 @@ mod overlap;
 mod parts;
 mod predictor;
 mod recording;
+mod scene_edit;
 pub mod schema;
 mod slot;
 mod split;
@@ -54,6 +55,7 @@ pub use crate::predictor::{Forecast, Mode, OraclePredictor, PredictError, Predic
 pub use crate::recording::{
     Columns, LaneMarking, NamedLeader, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,
 };
+pub use crate::scene_edit::{EditedScene, SPEED_CHANGE_S, SceneEditError};
 pub use crate::slot::{BySlot, SLOTS, Slot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
