@@ -71,6 +71,7 @@ fn ngsim_scenes_are_held_out_whole_and_i_80_by_vehicle() {
 fn simulated_recordings_give_windows_of_a_full_three_seconds() {
     let recordings = embedded("highd", Dataset::HIGHD);
     assert!(recordings.iter().all(|recording| recording.meta().simulated));
+    assert_eq!(overlaps(&recordings), [], "vehicles are numbered anew in each, and their sizes are few");
     let config =
         WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 25., stride_s: 1., site_stride_s: Default::default() };
     let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
