@@ -42,6 +42,8 @@ mod pick;
 
 pub use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
 pub use crate::error::GoalError;
-pub use crate::loss::{GoalLoss, LabelConfig, LabelDistance, Labels, LossWeights, goal_loss, label_distances, labels, soft_labels};
+pub use crate::loss::{
+    GoalLoss, LabelConfig, LabelDistance, Labels, LossWeights, goal_loss, label_distances, labels, soft_labels,
+};
 pub use crate::net::{GoalNet, GoalOutput, Goals};
 pub use crate::pick::Pick;

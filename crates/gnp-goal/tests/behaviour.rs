@@ -3,8 +3,8 @@
 
 use candle_core::{DType, Device, Tensor};
 use gnp_goal::{
-    GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, LabelConfig, LabelDistance, Pick, ProbabilityHead,
-    LossWeights, Regression, goal_loss, labels,
+    GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, LabelConfig, LabelDistance, LossWeights, Pick,
+    ProbabilityHead, Regression, goal_loss, labels,
 };
 use gnp_nn::{Dropout, Weights};
 use rand::{Rng, SeedableRng};

@@ -323,9 +323,7 @@ impl Features {
         let steps = self.shape.t_pred;
         let way = match self.mode_frame() {
             ModeFrame::Position => Vec::new(),
-            ModeFrame::Deviation => {
-                Reference::constant_velocity(situation.velocity, self.shape.dt() as f32, steps)
-            }
+            ModeFrame::Deviation => Reference::constant_velocity(situation.velocity, self.shape.dt() as f32, steps),
             ModeFrame::PlatoonDeviation => (1..=steps).map(|step| situation.reference(step)).collect(),
         };
         Reference { origin: [0.; 2], heading: 0., way }

@@ -17,9 +17,9 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::augmented_view::AugmentedView;
 use crate::checkpoint::{Checkpoint, Component, Header};
+use crate::contributions;
 use crate::error::ModelError;
 use crate::features::Features;
-use crate::contributions;
 use crate::scene::NeighbourFuture;
 use crate::select::{Selection, central, medoids};
 use crate::situation::{ReferencePath, Situation};
@@ -283,8 +283,7 @@ impl Gnp {
                 selection => {
                     let ends: Vec<_> =
                         paths.chunks_exact(path).map(|path| [path[path.len() - 2], path[path.len() - 1]]).collect();
-                    let first =
-                        if selection == Selection::Central { central(&ends, &probabilities) } else { None };
+                    let first = if selection == Selection::Central { central(&ends, &probabilities) } else { None };
                     medoids(&ends, &probabilities, k, first)
                 }
             };
@@ -415,12 +414,7 @@ fn plain(goals: Goals) -> Vec<Forecast> {
 }
 
 /// Forecasts with the forces of every step, from the roll-out's tensors.
-fn explained(
-    path: &Tensor,
-    out: &RollOut,
-    batch: &RollOutBatch,
-    goals: &Goals,
-) -> Result<Vec<Forecast>, ModelError> {
+fn explained(path: &Tensor, out: &RollOut, batch: &RollOutBatch, goals: &Goals) -> Result<Vec<Forecast>, ModelError> {
     let flat = |tensor: &Tensor| -> Result<Vec<f32>, ModelError> { Ok(tensor.flatten_all()?.to_vec1::<f32>()?) };
     let path: Vec<[f32; 2]> = pairs(&flat(path)?);
     let mut terms = Vec::with_capacity(out.terms.len());

@@ -170,7 +170,8 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
     };
     let seen = || train.iter().filter_map(|id| set.get(*id));
     let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
-    let features = Features::fit(&features, set.shape(), Some(&platoon), seen().map(|window| window.observation())).unwrap();
+    let features =
+        Features::fit(&features, set.shape(), Some(&platoon), seen().map(|window| window.observation())).unwrap();
     let futures: Vec<f32> = seen()
         .flat_map(|window| {
             let seen = gnp_model::AugmentedView::recorded(window.observation());

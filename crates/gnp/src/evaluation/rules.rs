@@ -48,7 +48,7 @@ pub(crate) fn platoon(run: &Run) -> Result<PlatoonRule> {
     let parameters = fitted.rules.get(PlatoonRule::NAME).cloned().unwrap_or_default();
     let parameters = PlatoonParameters::deserialize(parameters);
     let cannot = || run.folder.path(FILE).display().to_string();
-    Ok(PlatoonRule::new(parameters.with_context(cannot)?).with_context(cannot)?)
+    PlatoonRule::new(parameters.with_context(cannot)?).with_context(cannot)
 }
 
 fn fitted(run: &Run) -> Result<Fitted> {
