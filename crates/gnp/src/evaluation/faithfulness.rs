@@ -395,7 +395,7 @@ pub(crate) fn table(rows: &[Faithfulness], head: &TableHead) -> Option<Table> {
         detail: false,
         caption: format!(
             "Faithfulness of explanations{simulated}, along the road at {horizon_s} s, first future, in windows with a \
-             leader (at most {MOST} a site of a test part). Effect: how far the end point moves when the leader is \
+             leader (at most {MOST} a site of a fold). Effect: how far the end point moves when the leader is \
              deleted and the model asked again; part: what the explanation gives him; mean sizes. Correlation of the \
              two; slope of effect on part, least squares through the origin; both are 1 where explanations are true. \
              Physics: mean |named physical causes| / (that + mean |learned|), of the end point's difference from \
