@@ -26,6 +26,7 @@ fn config(probability: ProbabilityHead) -> GoalConfig {
         regression: if decoder { Regression::Residual } else { Regression::Absolute },
         null_token: decoder,
         slot_embedding: decoder,
+        zero_start: false,
     }
 }
 

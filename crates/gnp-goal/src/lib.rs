@@ -19,6 +19,7 @@
 //!     regression: Regression::Residual,
 //!     null_token: true,
 //!     slot_embedding: true,
+//!     zero_start: false,
 //! };
 //! let shape = GoalShape { observed: 12, neighbour: 10, slots: 3, t_pred: 5 };
 //! let weights = gnp_nn::Weights::seeded(7, &Device::Cpu);

@@ -25,6 +25,7 @@ fn published() -> GoalConfig {
         regression: Regression::Absolute,
         null_token: false,
         slot_embedding: false,
+        zero_start: false,
     }
 }
 
@@ -34,6 +35,7 @@ fn ours() -> GoalConfig {
         regression: Regression::Residual,
         null_token: true,
         slot_embedding: true,
+        zero_start: false,
         ..published()
     }
 }
