@@ -69,6 +69,7 @@ Examples:
   gnp compare --dataset ngsim
   gnp compare --dataset highd --data-dir D --out runs/table1-highd
   gnp compare --dataset ngsim --resume         go on; a finished model is not trained again
+  gnp compare --dataset ngsim --seeds 3        GNP trained three times; intervals over drivers and seeds
 
 Writes table1.md, table1.csv, table1.json, differences.json and the figures table1-*.svg and .png to --out
 [default: runs/table1-NAME].")]
@@ -293,6 +294,10 @@ pub struct TableArgs {
     /// Recipes of the neural baselines [default: those of configs/neural-baselines.toml]; ablate has none.
     #[arg(long, value_name = "FILE")]
     pub(crate) recipes: Option<PathBuf>,
+    /// Seeds that GNP is trained with, from that of the configuration on; its row is their mean, and intervals draw
+    /// them [default: 1]; ablate has one.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) seeds: Option<u16>,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

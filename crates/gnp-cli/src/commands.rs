@@ -50,6 +50,7 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
         run.config.iter().for_each(|file| add("config", file.display().to_string()));
         run.data_dir.iter().for_each(|dir| add("data-dir", dir.display().to_string()));
         args.recipes.iter().for_each(|file| add("recipes", file.display().to_string()));
+        args.seeds.iter().for_each(|seeds| add("seeds", seeds.to_string()));
         run.set.iter().for_each(|setting| add("set", format!("{}={}", setting.key, setting.text)));
         Some(format!("{line} --resume --out {folder}"))
     };
@@ -196,13 +197,17 @@ fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<()> {
         if args.recipes.is_some() {
             bail!("ablate trains no baselines; leave --recipes out, or take `gnp compare`");
         }
+        if args.seeds.is_some() {
+            bail!("ablate trains every variant with one seed; leave --seeds out, or take `gnp compare`");
+        }
         return Ok(gnp::ablate(&plan, &crate::machine(&args.machine, program)?)?);
     }
     let recipes = match &args.recipes {
         Some(path) => Recipes::read(path)?,
         None => Recipes::embedded()?,
     };
-    Ok(gnp::compare(&plan, &recipes, &crate::machine(&args.machine, program)?)?)
+    let seeds = args.seeds.map_or(1, usize::from);
+    Ok(gnp::compare(&plan, &recipes, seeds, &crate::machine(&args.machine, program)?)?)
 }
 
 fn figures(args: &FigureArgs, program: &Program) -> Result<()> {

@@ -11,7 +11,9 @@ use candle_core::{Device, Tensor};
 use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet};
 use gnp_goal::{GoalConfig, GoalNet, LabelConfig, LabelDistance, ProbabilityHead, Regression};
-use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourInput, ReferencePath, Representation, SeenNeighbours};
+use gnp_model::{
+    Component, FeatureConfig, Features, Header, NeighbourInput, ReferencePath, Representation, SeenNeighbours,
+};
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_train::{

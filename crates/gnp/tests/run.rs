@@ -31,7 +31,7 @@ fn the_model_of_a_run_selects_goals_as_its_configuration_says() {
     let set = run.windows().unwrap();
     let seen: Vec<Observation<'_>> = set.iter().take(4).map(|window| window.observation()).collect();
     let selecting = |selection| {
-        let gnp = Gnp::load(run.path(), NeighbourFuture::ConstantVelocity, &Device::Cpu).unwrap();
+        let gnp = Gnp::load(run.path(), NeighbourFuture::Platoon, &Device::Cpu).unwrap();
         gnp.selecting(selection).predict(&seen, 6).unwrap()
     };
     let found = run.model().unwrap().predict(&seen, 6).unwrap();

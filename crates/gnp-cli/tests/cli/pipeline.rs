@@ -115,6 +115,7 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
         [
             "differences.json",
             "eval.json",
+            "faithfulness.json",
             "ingest.json",
             "ingest.txt",
             "metrics.csv",

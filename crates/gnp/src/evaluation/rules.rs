@@ -13,7 +13,7 @@ use crate::run::Run;
 use crate::run::folder::write_json;
 
 /// File of the fitted parameters in a run folder.
-const FILE: &str = "rules.json";
+pub(crate) const FILE: &str = "rules.json";
 
 /// Most training windows of a site that rules are fitted to; of more, every n-th is taken.
 const MOST: usize = 2000;
