@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use crate::dataset::Dataset;
+use crate::scene_edit::SceneEditError;
 use crate::window_shape::WindowError;
 
 /// Why recordings could not be found, read, checked, cut or kept. Every message names the file, the
@@ -233,6 +234,9 @@ pub enum DataError {
     /// A window that a recording does not hold.
     #[error(transparent)]
     Window(#[from] WindowError),
+    /// A change that a scene does not take.
+    #[error(transparent)]
+    SceneEdit(#[from] SceneEditError),
     /// Two recordings of one name, so that a window's name would not tell them apart.
     #[error("two recordings are named {recording}; rename a file or leave one out")]
     DuplicateRecording {

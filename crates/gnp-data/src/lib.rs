@@ -29,6 +29,7 @@ mod overlap;
 mod parts;
 mod predictor;
 mod recording;
+mod scene_edit;
 pub mod schema;
 mod slot;
 mod split;
@@ -49,11 +50,12 @@ pub use crate::lanes::{LaneFit, fit_lanes};
 pub use crate::leader::{Leader, NAMED_LEADER_SIZE};
 pub use crate::live::{LiveError, LiveScene, Sample};
 pub use crate::neighbours::{LanePosition, find_neighbours};
-pub use crate::overlap::{Overlap, groups, overlaps};
+pub use crate::overlap::{Overlap, SharedBy, groups, overlaps};
 pub use crate::predictor::{Forecast, Mode, OraclePredictor, PredictError, Predictor};
 pub use crate::recording::{
     Columns, LaneMarking, NamedLeader, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,
 };
+pub use crate::scene_edit::{EditedScene, SPEED_CHANGE_S, SceneEditError};
 pub use crate::slot::{BySlot, SLOTS, Slot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;

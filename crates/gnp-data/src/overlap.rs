@@ -1,15 +1,19 @@
 //! Recordings that show the same vehicles.
 //!
-//! Scenes cut from one measurement may overlap in time: the scene names differ, the vehicle ids
-//! differ, and the same drivers stand in both. Held-out scenes are only held out if such scenes
-//! stay together, so they are found from the motion itself: several vehicles of the same length
-//! that do the same, and distinctive, thing at the same shift in time.
+//! Scenes cut from one measurement may overlap in time, or show the same drivers at another time.
+//! Held-out scenes are only held out if such scenes stay together. The first are found from the
+//! motion itself, whatever the vehicles are called: several vehicles of the same length that do the
+//! same, and distinctive, thing at the same shift in time. The second are found from the vehicles'
+//! numbers and sizes ([`drivers`]).
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
 use crate::recording::Recording;
+
+mod drivers;
 
 /// Length of the snippets of motion that are compared, s.
 const STRETCH_S: f64 = 1.2;
@@ -43,8 +47,33 @@ pub struct Overlap {
     pub site: String,
     /// Vehicles found in both.
     pub vehicles: usize,
-    /// Frames to add to a frame of the second to get the frame of the first.
-    pub shift: i64,
+    /// What they were found by.
+    pub found: SharedBy,
+}
+
+/// What tells that two recordings show the same vehicles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SharedBy {
+    /// They move alike at one time.
+    Motion {
+        /// Frames to add to a frame of the second to get the frame of the first.
+        shift: i64,
+    },
+    /// They have the same numbers and sizes, at any time.
+    Drivers,
+}
+
+impl fmt::Display for Overlap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { first, second, vehicles, .. } = self;
+        match self.found {
+            SharedBy::Motion { .. } => {
+                write!(f, "{first} and {second} show {vehicles} of the same vehicles at one time")
+            }
+            SharedBy::Drivers => write!(f, "{first} and {second} have {vehicles} drivers in common"),
+        }
+    }
 }
 
 /// Pairs of tracks that move alike at one shift in time, with their shift in space, m.
@@ -59,12 +88,20 @@ struct Snippet {
     row: u32,
 }
 
-/// Pairs of recordings of one site and rate that show the same vehicles, by name.
+/// Pairs of recordings of one site that show the same vehicles, by name; a pair may be found in both ways.
 ///
-/// Finds overlaps of two seconds or more with at least three vehicles that change their speed; says
-/// nothing of shorter ones.
+/// By motion, at one rate: overlaps of two seconds or more with at least three vehicles that change their speed; nothing
+/// is said of shorter ones. By drivers: at least three vehicles, and a fifth of the smaller recording, with the same
+/// number, length and width, where the numbers of both recordings mean the same vehicles: nine in ten numbers that both
+/// have stand for the same size, far more than by chance.
 #[must_use]
 pub fn overlaps(recordings: &[Recording]) -> Vec<Overlap> {
+    let mut found = same_motion(recordings);
+    found.extend(drivers::same_drivers(recordings));
+    found
+}
+
+fn same_motion(recordings: &[Recording]) -> Vec<Overlap> {
     let rows: usize = recordings.iter().map(Recording::len).sum();
     let share = 1 + (rows / ROWS_IN_FULL) as u64;
     let mut snippets = Vec::new();
@@ -100,13 +137,18 @@ pub fn overlaps(recordings: &[Recording]) -> Vec<Overlap> {
         .filter(|(_, (vehicles, _))| *vehicles >= VEHICLES)
         .map(|((a, b), (vehicles, shift))| {
             let first = meta(a);
-            Overlap { first: first.name, second: meta(b).name, site: first.site, vehicles, shift }
+            let found = SharedBy::Motion { shift };
+            Overlap { first: first.name, second: meta(b).name, site: first.site, vehicles, found }
         })
         .collect()
 }
 
 fn comparable(a: &Recording, b: &Recording) -> bool {
-    a.meta().dataset == b.meta().dataset && a.meta().site == b.meta().site && a.meta().rate_hz == b.meta().rate_hz
+    same_site(a, b) && a.meta().rate_hz == b.meta().rate_hz
+}
+
+fn same_site(a: &Recording, b: &Recording) -> bool {
+    a.meta().dataset == b.meta().dataset && a.meta().site == b.meta().site
 }
 
 fn stretch_frames(recording: &Recording) -> usize {
@@ -227,9 +269,9 @@ mod tests {
         let found = overlaps(&recordings);
         assert_eq!(found.len(), 2, "{found:?}");
         assert_eq!((found[0].first.as_str(), found[0].second.as_str()), ("a", "c"));
-        assert_eq!((found[0].vehicles, found[0].shift), (4, 15));
+        assert_eq!((found[0].vehicles, found[0].found), (4, SharedBy::Motion { shift: 15 }));
         assert_eq!((found[1].first.as_str(), found[1].second.as_str()), ("c", "d"));
-        assert_eq!((found[1].vehicles, found[1].shift), (3, 15));
+        assert_eq!((found[1].vehicles, found[1].found), (3, SharedBy::Motion { shift: 15 }));
         // a and d share one vehicle at most: they are together because c connects them.
         assert_eq!(groups(&recordings, &found), [0, 1, 0, 0]);
     }

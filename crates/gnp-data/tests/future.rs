@@ -4,10 +4,8 @@
 
 mod scene;
 
-use gnp_data::{
-    Dataset, Neighbour, Observation, Recording, SLOTS, TrackState, VelocitySource, Window, WindowError, WindowShape,
-};
-use scene::{NO_TRACK, Snippet, from_positions, named};
+use gnp_data::{Dataset, Observation, Recording, SLOTS, VelocitySource, Window, WindowError, WindowShape};
+use scene::{NO_TRACK, Snippet, from_positions, named, reachable};
 
 const SHAPE: WindowShape = WindowShape { t_obs: 7, t_pred: 11, step: 2, rate_hz: 5. };
 /// Last observed frame; six steps of two frames before it are observed.
@@ -80,49 +78,6 @@ fn scene(future: Future) -> Recording {
 fn observe(recording: &Recording) -> Observation<'_> {
     let row = recording.tracks()[0].row_at(T0).unwrap();
     Observation::new(recording, SHAPE, 0, row).unwrap()
-}
-
-/// Every number that can be reached, to the bit. `depth` follows neighbours to their own neighbours.
-fn reachable(observation: Observation<'_>, depth: usize) -> Vec<u32> {
-    let mut bits = Vec::new();
-    let mut floats = |values: &[f32]| bits.extend(values.iter().map(|value| value.to_bits()));
-    let state = |state: TrackState| [state.x, state.y, state.vx, state.vy];
-    for i in 0..=SHAPE.t_obs {
-        floats(&state(observation.target(i)));
-    }
-    floats(&observation.origin());
-    floats(&observation.size());
-    for line in observation.lines() {
-        floats(&[line.y]);
-    }
-    let key = observation.key();
-    bits.extend([key.vehicle, u32::from(key.segment), key.t0, observation.frame(), observation.lane() as u32]);
-    let seen = |neighbour: Neighbour<'_>| {
-        let mut bits = vec![neighbour.vehicle()];
-        let values = neighbour.size().into_iter().chain(state(neighbour.now()));
-        bits.extend(values.map(f32::to_bits));
-        for i in 0..=SHAPE.t_obs {
-            let state = neighbour.state(i).map(|s| state(s).map(f32::to_bits));
-            bits.extend(state.unwrap_or([u32::MAX; 4]));
-        }
-        match neighbour.observation() {
-            Some(own) if depth > 0 => bits.extend(reachable(own, depth - 1)),
-            own => bits.push(u32::from(own.is_some())),
-        }
-        bits
-    };
-    for neighbour in observation.neighbours().0 {
-        bits.extend(neighbour.map_or_else(|| vec![u32::MAX], &seen));
-    }
-    bits.extend(observation.others().flat_map(seen));
-    for leader in observation.column().chain(observation.others().filter_map(|other| other.leader())) {
-        bits.extend([leader.vehicle(), leader.leader().map_or(0, |next| next.vehicle())]);
-        bits.extend(leader.size().map(f32::to_bits));
-        for i in 0..=SHAPE.t_obs {
-            bits.extend(leader.state(i).map_or([u32::MAX; 4], |s| state(s).map(f32::to_bits)));
-        }
-    }
-    bits
 }
 
 #[test]

@@ -5,7 +5,7 @@ mod scene;
 use std::collections::{BTreeMap, BTreeSet};
 
 use gnp_data::{
-    DataError, Overlap, Recording, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowId, WindowSet,
+    DataError, Overlap, Recording, SharedBy, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowId, WindowSet,
 };
 use scene::{recording, short_windows};
 
@@ -214,8 +214,8 @@ fn a_changed_foreign_or_broken_file_is_refused() {
     let (longer, _) = WindowSet::cut(&recordings, &longer).unwrap();
     let longer = load(&text, &longer);
     assert!(longer.contains("4 + 5 frames") && longer.contains("4 + 6 frames"), "{longer}");
-    let newer = load(&text.replacen("\"version\":1", "\"version\":2", 1), &set);
-    assert!(newer.contains("version 2"), "{newer}");
+    let newer = load(&text.replacen("\"version\":2", "\"version\":3", 1), &set);
+    assert!(newer.contains("version 3"), "{newer}");
     std::fs::remove_file(&path).unwrap();
     assert!(matches!(Split::load(&set, &path), Err(DataError::Io { .. })));
 }
@@ -307,7 +307,7 @@ fn over_the_folds_each_window_is_tested_once_and_overlapping_scenes_stay_togethe
 /// Recordings `s-first` and `s-second` show the same vehicles.
 fn overlap(first: usize, second: usize) -> Overlap {
     let name = |index| format!("s-{index}");
-    Overlap { first: name(first), second: name(second), site: "s".into(), vehicles: 3, shift: 0 }
+    Overlap { first: name(first), second: name(second), site: "s".into(), vehicles: 3, found: SharedBy::Drivers }
 }
 
 #[test]

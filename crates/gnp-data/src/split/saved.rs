@@ -15,7 +15,7 @@ use crate::window::WindowId;
 use crate::window_shape::WindowShape;
 use crate::windows::WindowSet;
 
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Windows of a part: recording, then vehicles, then last observed frames.
 type Names = BTreeMap<String, Vec<Snippet>>;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::error::Result;
-use gnp_data::{Overlap, Recording, Split, SplitKind, Subset, WindowSet, overlaps};
+use gnp_data::{Recording, Split, SplitKind, Subset, WindowSet, overlaps};
 use gnp_model::AugmentedView;
 use gnp_modes::fit;
 
@@ -15,7 +15,7 @@ use crate::run::Run;
 /// Parts the windows of all recordings, writes `split.json` to `folder`; returns the split's hash.
 ///
 /// # Errors
-/// When a part would be left without windows, or the same vehicle at the same time would stand in two.
+/// When a part would be left without windows, or the same vehicle would stand in two.
 pub(super) fn split(recordings: &[Recording], config: &RunConfig, folder: &Path, machine: &Machine) -> Result<String> {
     let (set, _) = WindowSet::cut(recordings, &config.windows)?;
     let overlaps = overlaps(recordings);
@@ -23,13 +23,10 @@ pub(super) fn split(recordings: &[Recording], config: &RunConfig, folder: &Path,
     split.save(&set, &folder.join("split.json"))?;
     machine.progress.note(&summary(&set, &split));
     for overlap in &overlaps {
-        let Overlap { first, second, vehicles, .. } = overlap;
-        machine.progress.note(&format!("split: {first} and {second} show {vehicles} of the same vehicles"));
+        machine.progress.note(&format!("split: {overlap}"));
     }
     if split.leaks() {
-        machine
-            .progress
-            .note("split: it leaks, the same vehicle at the same time stands in several parts; scores are too good");
+        machine.progress.note("split: it leaks, the same vehicle stands in several parts; scores are too good");
     }
     Ok(split.hash().to_owned())
 }
