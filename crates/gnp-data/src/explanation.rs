@@ -42,6 +42,8 @@ pub enum Cause {
         /// Its place in the column ahead, from 1.
         place: usize,
     },
+    /// All vehicles farther ahead in the lane than the nearest one together, where they are not told apart.
+    FartherLeaders,
     /// What the network expects the driver to do beyond that: the pull of the goal.
     Intention,
     /// The repulsion of a neighbour.
@@ -49,6 +51,8 @@ pub enum Cause {
         /// Number of the vehicle.
         vehicle: u32,
     },
+    /// The repulsion of all neighbours together, where they are not told apart.
+    Neighbours,
     /// Another term of the force, by its name, such as `lines`.
     Term(String),
 }
@@ -59,6 +63,15 @@ impl Cause {
     pub fn is_physical(&self) -> bool {
         *self != Self::Intention
     }
+
+    /// Whether it is the same one in another forecast: a leader stays himself where his place in the column changes.
+    #[must_use]
+    pub fn is_same_as(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Leader { vehicle, .. }, Self::Leader { vehicle: other, .. }) => vehicle == other,
+            _ => self == other,
+        }
+    }
 }
 
 impl fmt::Display for Cause {
@@ -66,15 +79,23 @@ impl fmt::Display for Cause {
         match self {
             Self::FreeRoad => f.write_str("free road"),
             Self::Leader { vehicle, place: 1 } => write!(f, "leader {vehicle}"),
-            Self::Leader { vehicle, place } => write!(f, "leader {vehicle}, {place} ahead"),
+            Self::Leader { vehicle, place } => write!(f, "leader {vehicle} ({place} ahead)"),
+            Self::FartherLeaders => f.write_str("farther leaders"),
             Self::Intention => f.write_str("intention"),
             Self::Neighbour { vehicle } => write!(f, "neighbour {vehicle}"),
+            Self::Neighbours => f.write_str("neighbours"),
             Self::Term(name) => f.write_str(name),
         }
     }
 }
 
 impl Contribution {
+    /// Displacement after `step` steps, m: none before the first.
+    #[must_use]
+    pub fn after(&self, step: usize) -> [f32; 2] {
+        step.checked_sub(1).and_then(|step| self.displacement.get(step)).copied().unwrap_or_default()
+    }
+
     /// The last of its displacements, m.
     #[must_use]
     pub fn at_end(&self) -> [f32; 2] {
@@ -225,8 +246,7 @@ mod tests {
         assert_eq!(term.totals(), [[1.5, 1.], [3., 4.]]);
         assert_eq!((term.forces(1), term.parameter(0, 1)), (&[[3., 0.], [0., 4.]][..], &[3., 4.][..]));
         assert!(term.forces(2).is_empty() && term.parameter(1, 0).is_empty() && term.total(2) == [0., 0.]);
-        let explanation =
-            Explanation { goal: [9., 9.], terms: vec![term.clone(), term], ..Explanation::default() };
+        let explanation = Explanation { goal: [9., 9.], terms: vec![term.clone(), term], ..Explanation::default() };
         assert_eq!((explanation.steps(), explanation.total(0)), (2, [3., 2.]));
         assert!(explanation.term("push").is_some() && explanation.term("pull").is_none());
     }
@@ -237,7 +257,10 @@ mod tests {
         let leader = Cause::Leader { vehicle: 7, place: 1 };
         let explanation = Explanation {
             velocity: [10., 1.],
-            contributions: vec![part(leader, &[[-1., 0.], [-3., 0.]]), part(Cause::Intention, &[[0., 0.5], [1., 0.25]])],
+            contributions: vec![
+                part(leader, &[[-1., 0.], [-3., 0.]]),
+                part(Cause::Intention, &[[0., 0.5], [1., 0.25]]),
+            ],
             ..Explanation::default()
         };
         assert_eq!(explanation.path(0.5), [[4., 1.], [8., 1.25]]);
