@@ -8,8 +8,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
+use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{
-    Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road,
+    Cause, Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road,
     SLOTS, Slot, Track, TrackState, Window, WindowShape,
 };
 use gnp_force::nalgebra::Vector2;
@@ -17,7 +18,7 @@ use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, 
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
     AugmentedView, Checkpoint, Component, FeatureConfig, Features, Gnp, Header, ModelError, NeighbourFuture,
-    NeighbourInput, Representation,
+    NeighbourInput, ReferencePath, Representation, SeenNeighbours, Selection,
 };
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
@@ -81,15 +82,23 @@ fn window(recording: &Recording, track: usize) -> Window<'_> {
 }
 
 fn features(recording: &Recording, representation: Representation) -> Features {
+    features_from(recording, representation, ReferencePath::ConstantVelocity)
+}
+
+fn features_from(recording: &Recording, representation: Representation, reference: ReferencePath) -> Features {
     let config = FeatureConfig {
         representation,
+        reference,
         length_scale: 10.,
         velocity_window_s: 0.4,
         history_block_s: 0.4,
+        vehicles_ahead: if reference == ReferencePath::Platoon { 2 } else { 1 },
+        neighbours: SeenNeighbours::All,
         car_following_features: true,
     };
     let observations = [0, 1].map(|track| window(recording, track).observation());
-    Features::fit(&config, SHAPE, observations.into_iter()).unwrap()
+    let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    Features::fit(&config, SHAPE, Some(&platoon), observations.into_iter()).unwrap()
 }
 
 fn modes(features: &Features) -> Modes {
@@ -110,6 +119,7 @@ fn goal_config() -> GoalConfig {
         regression: Regression::Residual,
         null_token: true,
         slot_embedding: true,
+        zero_start: false,
     }
 }
 
@@ -161,8 +171,11 @@ fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
     (Checkpoint { header, tensors: named(&goal) }, Checkpoint { header: repulsion, tensors: named(&force) })
 }
 
+/// Deviations are from the platoon where neighbours follow it, else from constant velocity.
 fn model(recording: &Recording, neighbours: NeighbourFuture) -> Gnp {
-    let features = features(recording, Representation::Deviation);
+    let platoon = neighbours == NeighbourFuture::Platoon;
+    let reference = if platoon { ReferencePath::Platoon } else { ReferencePath::ConstantVelocity };
+    let features = features_from(recording, Representation::Deviation, reference);
     let (goal, force) = checkpoints(&features);
     Gnp::new(modes(&features), &goal, Some(&force), neighbours, &Device::Cpu).unwrap()
 }
@@ -217,6 +230,75 @@ fn forces_and_steps_explain_the_path() {
             assert!((p[axis] - point[axis]).abs() < 1e-3, "{p:?} by the forces, {point:?} on the path");
         }
     }
+}
+
+/// What moved the vehicle, cause by cause, leads from constant velocity to the path, whatever the reference.
+#[test]
+fn contributions_add_up_to_the_path() {
+    let recording = road(false, false);
+    for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Platoon] {
+        let model = model(&recording, neighbours).explaining(true);
+        let observations = [0, 1].map(|track| window(&recording, track).observation());
+        let forecasts = model.predict(&observations, 4).unwrap();
+        for mode in forecasts.iter().flat_map(|forecast| &forecast.modes) {
+            let why = mode.explanation.as_ref().unwrap();
+            let path = why.path(SHAPE.dt() as f32);
+            assert_eq!(path.len(), SHAPE.t_pred);
+            for (sum, point) in path.iter().zip(&mode.path) {
+                for axis in 0..2 {
+                    assert!((sum[axis] - point[axis]).abs() < 1e-4, "{neighbours:?}: {sum:?} {point:?}");
+                }
+            }
+        }
+        let why = forecasts[0].modes[0].explanation.as_ref().unwrap();
+        let has = |wanted: &Cause| why.contributions.iter().any(|part| part.cause == *wanted);
+        assert!(has(&Cause::Intention) && has(&Cause::Neighbour { vehicle: 2 }) && has(&Cause::Term("lines".into())));
+        let platoon = neighbours == NeighbourFuture::Platoon;
+        assert_eq!(has(&Cause::Leader { vehicle: 2, place: 1 }), platoon);
+        assert_eq!(why.term("car_following").is_some(), platoon);
+    }
+}
+
+/// The leader of the made-up road goes 1 m/s faster from 30 m ahead: the driver is held back by him from what an empty
+/// road would let him do, and is told so.
+#[test]
+fn a_leader_is_named_with_what_his_absence_would_change() {
+    let recording = road(false, false);
+    let model = model(&recording, NeighbourFuture::Platoon).explaining(true);
+    let forecast = model.predict(&[window(&recording, 0).observation()], 1).unwrap().remove(0);
+    let why = forecast.modes[0].explanation.as_ref().unwrap();
+    let leader = why.moved_by(|cause| matches!(cause, Cause::Leader { .. }));
+    let rule = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    let end = |observation| rule.predict(&[observation], 1).unwrap()[0].modes[0].path[SHAPE.t_pred - 1][0];
+    let traffic = rule.traffic(&window(&recording, 0).observation()).without_nearest(1);
+    let alone = rule.roll_out("us-101", &traffic, &SHAPE).unwrap().position(0, SHAPE.t_pred) as f32;
+    let held = end(window(&recording, 0).observation()) - alone;
+    assert!((leader[0] - held).abs() < 1e-3 && held.abs() > 0.01, "{leader:?} {held}");
+}
+
+#[test]
+fn neighbours_cannot_follow_a_platoon_that_is_no_reference_nor_be_joint_in_its_frame() {
+    let recording = road(false, false);
+    for (reference, neighbours, problem) in [
+        (ReferencePath::ConstantVelocity, NeighbourFuture::Platoon, "needs features.reference"),
+        (ReferencePath::Platoon, NeighbourFuture::Joint, "follow each other already"),
+    ] {
+        let features = features_from(&recording, Representation::Deviation, reference);
+        let (goal, force) = checkpoints(&features);
+        let made = Gnp::new(modes(&features), &goal, Some(&force), neighbours, &Device::Cpu);
+        let message = made.unwrap_err().to_string();
+        assert!(message.contains("predict.neighbours") && message.contains(problem), "{message}");
+    }
+}
+
+#[test]
+fn the_central_goal_comes_first_and_is_the_one_of_one() {
+    let recording = road(false, false);
+    let model = model(&recording, NeighbourFuture::Platoon).selecting(Selection::Central);
+    let observation = [window(&recording, 0).observation()];
+    let (one, three) = (model.predict(&observation, 1).unwrap(), model.predict(&observation, 3).unwrap());
+    assert_eq!(one[0].modes[0].path, three[0].modes[0].path);
+    assert!(three[0].modes[1].probability >= three[0].modes[2].probability);
 }
 
 /// A drag against the motion, `-c v`, that no crate of this project knows.
@@ -302,7 +384,7 @@ fn a_made_up_term_acts_is_explained_written_and_drawn() {
 
 #[test]
 fn nothing_after_the_last_observed_frame_reaches_a_prediction() {
-    for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Joint] {
+    for neighbours in [NeighbourFuture::ConstantVelocity, NeighbourFuture::Platoon, NeighbourFuture::Joint] {
         let (recorded, scrambled) = (road(false, false), road(false, true));
         let model = model(&recorded, neighbours).explaining(true);
         let predict = |recording: &Recording| {
@@ -324,11 +406,12 @@ fn nothing_after_the_last_observed_frame_reaches_a_prediction() {
 #[test]
 fn only_a_run_can_ask_for_recorded_neighbours() {
     let of_key = |key: &str| serde_json::from_str::<NeighbourInput>(&format!("{key:?}"));
-    for key in ["constant_velocity", "joint", "oracle"] {
+    for key in ["constant_velocity", "platoon", "joint", "oracle"] {
         let input = of_key(key).unwrap();
         assert_eq!((input.name(), input.uses_future()), (key, key == "oracle"));
         match input.without_future() {
-            NeighbourFuture::ConstantVelocity => assert_ne!(key, "joint"),
+            NeighbourFuture::ConstantVelocity => assert!(["constant_velocity", "oracle"].contains(&key)),
+            NeighbourFuture::Platoon => assert_eq!(key, "platoon"),
             NeighbourFuture::Joint => assert_eq!(key, "joint"),
         }
     }
@@ -415,8 +498,10 @@ fn joint_neighbours_take_their_own_predicted_paths() {
 #[test]
 fn a_mirrored_road_is_seen_in_the_mirror() {
     let (road, mirrored) = (road(false, false), road(true, false));
-    let features = features(&road, Representation::Deviation);
-    let inputs = |seen: AugmentedView<'_>| features.goal_inputs(&[seen], &Device::Cpu).unwrap();
+    let features = features_from(&road, Representation::Deviation, ReferencePath::Platoon);
+    let inputs = |seen: AugmentedView<'_>| {
+        features.goal_inputs(&[features.situation(seen).unwrap()], &Device::Cpu).unwrap()
+    };
     let a = inputs(AugmentedView::recorded(window(&mirrored, 0).observation()));
     let b = inputs(AugmentedView::mirrored(window(&road, 0).observation()));
     let c = inputs(AugmentedView::recorded(window(&road, 0).observation()));
@@ -429,7 +514,8 @@ fn a_mirrored_road_is_seen_in_the_mirror() {
     for (a, b) in flat(&a.neighbours).into_iter().zip(flat(&b.neighbours)) {
         assert!((a - b).abs() < 1e-4, "{a} {b}");
     }
-    let future = |seen: AugmentedView<'_>, window: Window<'_>| features.future(&seen, &window);
+    let future =
+        |seen: AugmentedView<'_>, window: Window<'_>| features.future(&features.situation(seen).unwrap(), &window);
     let a = future(AugmentedView::recorded(window(&mirrored, 0).observation()), window(&mirrored, 0));
     let b = future(AugmentedView::mirrored(window(&road, 0).observation()), window(&road, 0));
     for (a, b) in a.into_iter().zip(b) {
@@ -470,8 +556,8 @@ fn the_hint_says_what_the_leader_is_like() {
     let recording = road(false, false);
     let features = features(&recording, Representation::Deviation);
     let observed = |track: usize| {
-        let seen = [AugmentedView::recorded(window(&recording, track).observation())];
-        let inputs = features.goal_inputs(&seen, &Device::Cpu).unwrap();
+        let seen = AugmentedView::recorded(window(&recording, track).observation());
+        let inputs = features.goal_inputs(&[features.situation(seen).unwrap()], &Device::Cpu).unwrap();
         inputs.observed.flatten_all().unwrap().to_vec1::<f32>().unwrap()
     };
     // The last five numbers of a target are the hint; with a leader and without they differ.
@@ -485,10 +571,14 @@ fn the_hint_says_what_the_leader_is_like() {
 #[test]
 fn futures_come_back_from_the_modes_frame() {
     let recording = road(false, false);
-    for representation in [Representation::Position, Representation::Deviation] {
-        let features = features(&recording, representation);
+    for (representation, reference) in [
+        (Representation::Position, ReferencePath::ConstantVelocity),
+        (Representation::Deviation, ReferencePath::ConstantVelocity),
+        (Representation::Deviation, ReferencePath::Platoon),
+    ] {
+        let features = features_from(&recording, representation, reference);
         let window = window(&recording, 0);
-        let seen = AugmentedView::recorded(window.observation());
+        let seen = features.situation(AugmentedView::recorded(window.observation())).unwrap();
         let back = features.to_window_frame(&seen, &features.future(&seen, &window));
         for (j, point) in back.iter().enumerate() {
             let truth = window.truth().target(j);

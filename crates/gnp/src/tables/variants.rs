@@ -161,7 +161,7 @@ impl Variant {
                 Gnp::new(modes, &goal, Some(&force), neighbours, device)?
             }
         };
-        let gnp = gnp.selecting(config.predict.selection);
+        let gnp = gnp.selecting(config.predict.selection).trusting(config.predict.trust)?;
         Ok(match self.input {
             Input::Past(_) => System::predictor(self.name, gnp),
             Input::Neighbours => System::oracle(self.name, gnp.oracle()),

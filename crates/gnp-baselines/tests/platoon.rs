@@ -1,0 +1,169 @@
+//! The platoon rule: traffic it finds, drivers it recovers, what it predicts.
+
+// clippy.toml allows it inside test functions alone; scenes are built outside.
+#![allow(clippy::unwrap_used)]
+
+use gnp_baselines::{Drivers, PlatoonRule, RULES, Traffic};
+use gnp_data::{LaneMarking, LiveScene, Predictor, Recording, Sample, VehicleClass, Window, WindowShape};
+use gnp_force::{Driver, Follower, Platoon};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const RATE_HZ: f64 = 10.;
+
+fn shape() -> WindowShape {
+    WindowShape::new(31, 50, 1, RATE_HZ).unwrap()
+}
+
+/// Vehicles of one lane as they drove: positions along the road by vehicle and frame, nearest to the front last.
+fn scene(positions: &[Vec<f64>]) -> LiveScene {
+    let lines = [-1.8, 1.8].map(|y| LaneMarking::new(y, true)).to_vec();
+    let mut scene = LiveScene::new(RATE_HZ, lines).unwrap();
+    for (vehicle, xs) in positions.iter().enumerate() {
+        let sample = |(frame, x): (usize, &f64)| Sample::new(frame as f64 / RATE_HZ, [*x as f32, 0.]);
+        let samples: Vec<Sample> = xs.iter().enumerate().map(sample).collect();
+        scene.push(vehicle as u32, [5., 1.8], VehicleClass::Car, &samples).unwrap();
+    }
+    scene
+}
+
+fn window(recording: &Recording, vehicle: u32, row: usize) -> Window<'_> {
+    let track = recording.tracks().iter().position(|track| track.vehicle == vehicle).unwrap();
+    Window::new(recording, shape(), track, recording.tracks()[track].rows.start + row).unwrap()
+}
+
+/// A lane of `count` IDM drivers whose foremost slows down and speeds up again.
+fn lane(count: usize, driver: Driver<f64>, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+    let frames = 81;
+    let dt = 1. / RATE_HZ;
+    let (mut x, mut v): (Vec<f64>, Vec<f64>) =
+        (0..count).map(|i| (i as f64 * (18. + 10. * rng.random::<f64>()), 10. + 3. * rng.random::<f64>())).unzip();
+    x.sort_by(f64::total_cmp);
+    let wave = (0.5 + rng.random::<f64>(), 6. * rng.random::<f64>());
+    let mut all = vec![Vec::new(); count];
+    for frame in 0..frames {
+        for (i, xs) in all.iter_mut().enumerate() {
+            xs.push(x[i]);
+        }
+        let acceleration: Vec<f64> = (0..count)
+            .map(|i| match i + 1 < count {
+                true => gnp_force::following_acceleration(x[i + 1] - x[i], 5., v[i], v[i + 1], &driver),
+                false => wave.0 * (frame as f64 * dt * 0.9 + wave.1).sin(),
+            })
+            .collect();
+        for i in 0..count {
+            let next = (v[i] + acceleration[i] * dt).max(0.);
+            x[i] += (v[i] + next) / 2. * dt;
+            v[i] = next;
+        }
+    }
+    all
+}
+
+#[test]
+fn the_column_ahead_is_found_nearest_first_with_speeds_and_accelerations() {
+    let at = |x0: f64, v: f64, a: f64| -> Vec<f64> {
+        (0..81).map(|f| f as f64 / RATE_HZ).map(|t| x0 + v * t + a * t * t / 2.).collect()
+    };
+    let scene = scene(&[at(0., 12., 0.), at(30., 11., 0.5), at(70., 10., -0.3)]);
+    let window = window(scene.recording().unwrap(), 0, 30);
+    let rule = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    let traffic = rule.traffic(&window.observation());
+    let column: Vec<u32> = traffic.column().map(|it| it.vehicle).collect();
+    assert_eq!(column, [1, 2]);
+    for (it, a) in traffic.vehicles().iter().zip([0., 0.5, -0.3]) {
+        assert!((it.acceleration - a).abs() < 0.02 && (it.slow_acceleration - a).abs() < 0.005, "{it:?}");
+        assert!(it.variance < 1e-2 && (it.since - 0.6).abs() < 1e-9, "{it:?}");
+    }
+    // From the middle of its span the speed is led to the last observed frame.
+    let motion = rule.roll_out("live", &traffic, &shape()).unwrap();
+    assert!((motion.speed(1, 0) - 12.5).abs() < 0.1, "{}", motion.speed(1, 0));
+    assert!((motion.position(Traffic::TARGET, 0)).abs() < 1e-6);
+}
+
+#[test]
+fn nobody_ahead_and_no_habit_is_constant_velocity() {
+    let steady: Vec<f64> = (0..81).map(|f| 15. * f as f64 / RATE_HZ).collect();
+    let scene = scene(&[steady]);
+    let window = window(scene.recording().unwrap(), 0, 30);
+    let rule = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    let forecast = rule.predict(&[window.observation()], 6).unwrap().remove(0);
+    assert_eq!(forecast.modes.len(), 1);
+    for (j, point) in forecast.modes[0].path.iter().enumerate() {
+        assert!((point[0] - 1.5 * (j + 1) as f32).abs() < 1e-2 && point[1].abs() < 1e-5, "{point:?}");
+    }
+}
+
+/// Without noise and habits the rule is gnp-force's platoon with the measured state.
+#[test]
+fn a_prediction_is_the_roll_out_of_the_column() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let scene = scene(&lane(5, Driver::motorway(), &mut rng));
+    let window = window(scene.recording().unwrap(), 0, 30);
+    let drivers = Drivers { own_gap: 0., habit: 1e-9, slow_habit: 0., ..Drivers::TYPICAL };
+    let rule = PlatoonRule::of_drivers(drivers).unwrap();
+    let traffic = rule.traffic(&window.observation());
+    let followers: Vec<Follower<f64>> = traffic
+        .vehicles()
+        .iter()
+        .map(|it| Follower {
+            position: it.position,
+            speed: it.speed,
+            length: it.length,
+            leader: it.leader,
+            driver: Driver {
+                desired_speed: drivers.desired_speed,
+                time_gap: drivers.time_gap,
+                standstill_gap: drivers.standstill_gap,
+                acceleration: drivers.acceleration,
+                braking: drivers.braking,
+            },
+            habit: 0.,
+        })
+        .collect();
+    let expected = Platoon::roll_out(&followers, 0.1, 50, 0.).unwrap();
+    let found = rule.roll_out("live", &traffic, &shape()).unwrap();
+    for step in 1..=50 {
+        assert!((found.position(0, step) - expected.positions()[step - 1]).abs() < 1e-6);
+    }
+}
+
+/// Traffic of known drivers: the fit finds how they follow, states an interval and predicts them better than what it set
+/// out from; the same windows give the same drivers.
+#[test]
+fn drivers_are_recovered_from_traffic() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let driver = Driver { time_gap: 1.4, acceleration: 1.2, braking: 2., desired_speed: 30., ..Driver::motorway() };
+    let scenes: Vec<LiveScene> = (0..30).map(|_| scene(&lane(4, driver, &mut rng))).collect();
+    let recordings: Vec<&Recording> = scenes.iter().map(|scene| scene.recording().unwrap()).collect();
+    let windows: Vec<Window<'_>> =
+        recordings.iter().flat_map(|it| (0..3).map(move |vehicle| window(it, vehicle, 30))).collect();
+    let fitted = PlatoonRule::fit(&windows).unwrap();
+    let error = |rule: &PlatoonRule| -> f64 {
+        let squares = windows.iter().map(|window| {
+            let forecast = rule.predict(&[window.observation()], 1).unwrap().remove(0);
+            f64::from(forecast.modes[0].path[49][0] - window.truth().goal()[0]).powi(2)
+        });
+        (squares.sum::<f64>() / windows.len() as f64).sqrt()
+    };
+    let typical = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    let (before, after) = (error(&typical), error(&fitted));
+    assert!(after < 0.8 * before, "{before} {after}");
+    let found = &fitted.parameters().pooled;
+    let [low, high] = found.intervals["time_gap"];
+    assert!(low <= found.drivers.time_gap && found.drivers.time_gap <= high && high - low < 2., "{found:?}");
+    assert_eq!(fitted, PlatoonRule::fit(&windows).unwrap());
+    assert!(PlatoonRule::fit(&[]).is_err());
+}
+
+#[test]
+fn its_parameters_survive_a_file_and_bad_ones_are_refused() {
+    let rule = RULES.iter().find(|rule| rule.name() == PlatoonRule::NAME).unwrap();
+    let mut drivers = serde_json::to_value(PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap().parameters()).unwrap();
+    assert_eq!(rule.load(&drivers).unwrap().name(), "platoon");
+    drivers["pooled"]["drivers"]["braking"] = (-1.).into();
+    assert!(rule.load(&drivers).err().unwrap().to_string().contains("braking"));
+    drivers["pooled"]["drivers"]["braking"] = 2.into();
+    drivers["pooled"]["drivers"]["own_gap"] = 1.5.into();
+    assert!(rule.load(&drivers).err().unwrap().to_string().contains("own_gap"));
+}
