@@ -1,21 +1,23 @@
 //! What each command does.
 
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Machine, Plan, PredictionsOn, Progress as _, Recipes, Run, RunConfig, Scores, Stage, memory, score_predictions,
-    score_recordings,
+    Change, Machine, Plan, PredictionsOn, Progress as _, Question, Recipes, Run, RunConfig, Scores, Stage, memory,
+    score_predictions, score_recordings,
 };
 use gnp_data::FORMATS;
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, EvaluateArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs, RunArgs, StageArgs, TableArgs,
-    TrainArgs,
+    Command, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs, RunArgs,
+    StageArgs, TableArgs, TrainArgs,
 };
+use crate::names::Place;
 use crate::program::Program;
 use crate::terminal::Terminal;
 
@@ -33,6 +35,7 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Compare(args) => table(args, "table1", program),
         Command::Ablate(args) => table(args, "table2", program),
         Command::Figures(args) => figures(args, program),
+        Command::Explain(args) => explain(args, program),
         Command::Report(args) => report(args, program),
         Command::Replay(args) => replay(args, program),
     }
@@ -219,6 +222,34 @@ fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
         machine.progress.result(&format!("{}: {}", figure.name, figure.caption));
     }
     machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", figures.len(), out.display()));
+    Ok(())
+}
+
+fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let run = Run::open(&args.run, &machine)?;
+    let without = args.without.iter().map(|vehicle| Change::Without { vehicle: *vehicle });
+    let speeds =
+        args.speed.iter().map(|(vehicle, speed_mps)| Change::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
+    let goal = args.goal.iter().map(|Place(goal)| Change::Goal(*goal));
+    let question = Question {
+        recording: args.recording.clone(),
+        vehicle: args.vehicle,
+        frame: args.at,
+        changes: without.chain(speeds).chain(goal).collect(),
+    };
+    let explained = gnp::explain(&run, &question)?;
+    if args.json {
+        // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
+        let _ = writeln!(io::stdout().lock(), "{:#}", explained.json());
+    } else {
+        machine.progress.result(&explained.text());
+    }
+    let key = &explained.key;
+    let of_its_own = || run.path().join("explain").join(format!("{}-{}-{}", key.recording, key.vehicle, key.t0));
+    let out = args.out.clone().unwrap_or_else(of_its_own);
+    explained.save_figures(&out)?;
+    machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", explained.figures.len(), out.display()));
     Ok(())
 }
 
