@@ -168,7 +168,8 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
     };
     let seen = || train.iter().filter_map(|id| set.get(*id));
     let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
-    let features = Features::fit(&features, set.shape(), Some(&platoon), seen().map(|window| window.observation())).unwrap();
+    let features =
+        Features::fit(&features, set.shape(), Some(&platoon), seen().map(|window| window.observation())).unwrap();
     let futures: Vec<f32> = seen()
         .flat_map(|window| {
             let seen = gnp_model::AugmentedView::recorded(window.observation());
@@ -190,6 +191,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
         split_hash: "test".into(),
         epoch: 0,
         scores: Default::default(),
+        origin: None,
         trainer: None,
     };
     let parts = [Windows::new(&set, train), Windows::new(&set, validation)];

@@ -13,7 +13,7 @@ use crate::run::Run;
 use crate::run::folder::write_json;
 
 /// File of the fitted parameters in a run folder.
-const FILE: &str = "rules.json";
+pub(crate) const FILE: &str = "rules.json";
 
 /// Most training windows that rules are fitted to; of more, every n-th is taken.
 const MOST: usize = 2000;
@@ -48,7 +48,7 @@ pub(crate) fn platoon(run: &Run) -> Result<PlatoonRule> {
     let parameters = fitted.rules.get(PlatoonRule::NAME).cloned().unwrap_or_default();
     let parameters = PlatoonParameters::deserialize(parameters);
     let cannot = || run.folder.path(FILE).display().to_string();
-    Ok(PlatoonRule::new(parameters.with_context(cannot)?).with_context(cannot)?)
+    PlatoonRule::new(parameters.with_context(cannot)?).with_context(cannot)
 }
 
 fn fitted(run: &Run) -> Result<Fitted> {
