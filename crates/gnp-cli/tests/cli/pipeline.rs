@@ -67,7 +67,7 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     assert!(tables.clone().count() < 16 && tables.clone().all(|line| line.chars().count() <= 80), "{end}");
 
     let scores = json(&first.join("metrics.json"));
-    for model in ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM"] {
+    for model in ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM", "platoon"] {
         let rmse = scores.as_array().unwrap().iter().find(|score| {
             score["model"] == model
                 && score["metric"] == "rmse_at"
