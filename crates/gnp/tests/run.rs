@@ -7,7 +7,7 @@ use std::path::Path;
 use candle_core::Device;
 use gnp::{Error, Machine, Plan, Run, RunConfig, Silent, Stage, Stop};
 use gnp_data::{Observation, Predictor as _};
-use gnp_model::{Gnp, NeighbourFuture, Selection};
+use gnp_model::{Gnp, Selection};
 use tempfile::TempDir;
 
 fn config(more: &[&str]) -> RunConfig {
@@ -30,8 +30,9 @@ fn the_model_of_a_run_selects_goals_as_its_configuration_says() {
     let run = trained(config(&["predict.selection=most_probable"]), &out.path().join("run"));
     let set = run.windows().unwrap();
     let seen: Vec<Observation<'_>> = set.iter().take(4).map(|window| window.observation()).collect();
+    let neighbours = run.config().predict.neighbours.without_future();
     let selecting = |selection| {
-        let gnp = Gnp::load(run.path(), NeighbourFuture::Platoon, &Device::Cpu).unwrap();
+        let gnp = Gnp::load(run.path(), neighbours, &Device::Cpu).unwrap();
         gnp.selecting(selection).predict(&seen, 6).unwrap()
     };
     let found = run.model().unwrap().predict(&seen, 6).unwrap();
