@@ -30,10 +30,10 @@ fn the_model_of_a_run_selects_goals_as_its_configuration_says() {
     let run = trained(config(&["predict.selection=most_probable"]), &out.path().join("run"));
     let set = run.windows().unwrap();
     let seen: Vec<Observation<'_>> = set.iter().take(4).map(|window| window.observation()).collect();
-    let neighbours = run.config().predict.neighbours.without_future();
+    let predict = &run.config().predict;
     let selecting = |selection| {
-        let gnp = Gnp::load(run.path(), neighbours, &Device::Cpu).unwrap();
-        gnp.selecting(selection).predict(&seen, 6).unwrap()
+        let gnp = Gnp::load(run.path(), predict.neighbours.without_future(), &Device::Cpu).unwrap();
+        gnp.selecting(selection).trusting(predict.trust).unwrap().predict(&seen, 6).unwrap()
     };
     let found = run.model().unwrap().predict(&seen, 6).unwrap();
     assert_eq!(found, selecting(Selection::MostProbable));
