@@ -1,21 +1,23 @@
 //! What each command does.
 
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Machine, Plan, PredictionsOn, Progress as _, Recipes, Run, RunConfig, Scores, Stage, memory, score_predictions,
-    score_recordings,
+    Change, Machine, Plan, PredictionsOn, Progress as _, Question, Recipes, Run, RunConfig, Scores, Stage, memory,
+    score_predictions, score_recordings,
 };
 use gnp_data::FORMATS;
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, EvaluateArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs, RunArgs, StageArgs, TableArgs,
-    TrainArgs,
+    Command, CompareArgs, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs,
+    RunArgs, StageArgs, TableArgs, TrainArgs,
 };
+use crate::names::Place;
 use crate::program::Program;
 use crate::terminal::Terminal;
 
@@ -24,15 +26,18 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Pipeline(args) => pipeline(args, program),
         Command::Ingest(args) if args.describe => describe(args, program),
         Command::Ingest(args) => ingest(args, program),
-        Command::Train(TrainArgs { stage, on }) => train(on, stage.map(Stage::from), program),
-        Command::Modes(on) => train(on, Some(Stage::Modes), program),
-        Command::Goal(on) => train(on, Some(Stage::Goal), program),
-        Command::Attraction(on) => train(on, Some(Stage::Attraction), program),
-        Command::Repulsion(on) => train(on, Some(Stage::Repulsion), program),
+        Command::Train(TrainArgs { stage, from, on }) => train(on, stage.map(Stage::from), from.as_deref(), program),
+        Command::Modes(on) => train(on, Some(Stage::Modes), None, program),
+        Command::Goal(on) => train(on, Some(Stage::Goal), None, program),
+        Command::Attraction(on) => train(on, Some(Stage::Attraction), None, program),
+        Command::Repulsion(on) => train(on, Some(Stage::Repulsion), None, program),
         Command::Evaluate(args) => evaluate(args, program),
-        Command::Compare(args) => table(args, "table1", program),
-        Command::Ablate(args) => table(args, "table2", program),
+        Command::Compare(args) => compare(args, program),
+        Command::Ablate(args) => {
+            Ok(gnp::ablate(&table(args, "table2", program)?.0, &crate::machine(&args.machine, program)?)?)
+        }
         Command::Figures(args) => figures(args, program),
+        Command::Explain(args) => explain(args, program),
         Command::Report(args) => report(args, program),
         Command::Replay(args) => replay(args, program),
     }
@@ -42,21 +47,27 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
 pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
     let folder = folder.display();
     // A table is resumed with the same words: its folder does not hold the configuration of all of its models.
-    let table = |verb: &str, args: &TableArgs| {
+    let table = |verb: &str, args: &TableArgs, more: String| {
         let run = &args.run;
         let mut line = format!("gnp {verb}");
         let mut add = |flag: &str, value: String| line += &format!(" --{flag} {value}");
         run.dataset.iter().for_each(|dataset| add("dataset", dataset.to_string()));
         run.config.iter().for_each(|file| add("config", file.display().to_string()));
         run.data_dir.iter().for_each(|dir| add("data-dir", dir.display().to_string()));
-        args.recipes.iter().for_each(|file| add("recipes", file.display().to_string()));
-        args.seeds.iter().for_each(|seeds| add("seeds", seeds.to_string()));
         run.set.iter().for_each(|setting| add("set", format!("{}={}", setting.key, setting.text)));
-        Some(format!("{line} --resume --out {folder}"))
+        Some(format!("{line}{more} --resume --out {folder}"))
     };
     match command {
-        Command::Compare(args) => table("compare", args),
-        Command::Ablate(args) => table("ablate", args),
+        Command::Compare(args) => {
+            let recipes = args.recipes.as_ref().map(|file| format!(" --recipes {}", file.display()));
+            let published = args.published.as_ref().map(|file| match file {
+                Some(file) => format!(" --published={}", file.display()),
+                None => " --published".to_owned(),
+            });
+            let seeds = (args.seeds > 1).then(|| format!(" --seeds {}", args.seeds));
+            table("compare", &args.table, recipes.into_iter().chain(seeds).chain(published).collect())
+        }
+        Command::Ablate(args) => table("ablate", args, String::new()),
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
     }
 }
@@ -64,7 +75,7 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
 fn pipeline(args: &PipelineArgs, program: &Program) -> Result<()> {
     let started = Instant::now();
     let machine = crate::machine(&args.machine, program)?;
-    let mut run = plan(&args.run, program)?.begin(&machine)?;
+    let mut run = plan(&args.run, args.from.as_deref(), program)?.begin(&machine)?;
     run.complete()?;
     show(&run.scores()?, args.tables, &machine);
     let root = run.path().display();
@@ -79,7 +90,7 @@ fn pipeline(args: &PipelineArgs, program: &Program) -> Result<()> {
 
 fn ingest(args: &IngestArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let run = plan(&args.run, program)?.ingest(&machine)?;
+    let run = plan(&args.run, None, program)?.ingest(&machine)?;
     let root = run.path().display();
     machine.progress.note(&format!("{root} is ready; next: `gnp train --run {root}`"));
     Ok(())
@@ -90,7 +101,7 @@ fn describe(args: &IngestArgs, program: &Program) -> Result<()> {
     let run = &args.run;
     let datasets = match (run.dataset, &run.config) {
         (None, None) => FORMATS.iter().map(|format| format.dataset()).collect(),
-        _ => vec![resolve(run)?.0.dataset],
+        _ => vec![resolve(run, None)?.0.dataset],
     };
     if let (Some(dir), true) = (&run.data_dir, datasets.len() > 1) {
         bail!("give --dataset to see what is in {}", dir.display());
@@ -101,12 +112,15 @@ fn describe(args: &IngestArgs, program: &Program) -> Result<()> {
     Ok(())
 }
 
-fn train(args: &StageArgs, stage: Option<Stage>, program: &Program) -> Result<()> {
+fn train(args: &StageArgs, stage: Option<Stage>, from: Option<&Path>, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
     let mut run = Run::open(&args.run, &machine)?;
     run.say_data();
     if args.again {
         run.forget(stage.unwrap_or(Stage::Modes))?;
+    }
+    if let Some(from) = from {
+        run.start_from(from)?;
     }
     match stage {
         Some(stage) => run.perform(stage)?,
@@ -160,14 +174,15 @@ fn evaluate_predictions(args: &EvaluateArgs, file: &Path, machine: &Machine) -> 
             PredictionsOn::Run(folder.clone())
         }
         None => {
-            let (config, _) = resolve(&RunArgs {
+            let run = RunArgs {
                 dataset: args.dataset,
                 data_dir: None,
                 config: args.config.clone(),
                 out: None,
                 resume: false,
                 set: args.set.clone(),
-            })?;
+            };
+            let (config, _) = resolve(&run, None)?;
             PredictionsOn::Recordings { config: Box::new(config), data: args.data_dir.clone() }
         }
     };
@@ -188,26 +203,28 @@ fn show(scores: &Scores, tables: bool, machine: &Machine) {
     }
 }
 
-fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<()> {
-    let (config, name) = resolve(&args.run)?;
+/// The plan of a table, and the configuration of its full model.
+fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<(Plan, RunConfig)> {
+    let (config, name) = resolve(&args.run, None)?;
     let out = args.run.out.clone().unwrap_or_else(|| program.run_folder(&format!("{stem}-{name}")));
-    let mut plan = Plan::new(config, args.run.data_dir.clone(), out);
+    let mut plan = Plan::new(config.clone(), args.run.data_dir.clone(), out);
     plan.resume = args.run.resume;
-    if stem == "table2" {
-        if args.recipes.is_some() {
-            bail!("ablate trains no baselines; leave --recipes out, or take `gnp compare`");
-        }
-        if args.seeds.is_some() {
-            bail!("ablate trains every variant with one seed; leave --seeds out, or take `gnp compare`");
-        }
-        return Ok(gnp::ablate(&plan, &crate::machine(&args.machine, program)?)?);
-    }
+    Ok((plan, config))
+}
+
+fn compare(args: &CompareArgs, program: &Program) -> Result<()> {
+    let (plan, config) = table(&args.table, "table1", program)?;
     let recipes = match &args.recipes {
         Some(path) => Recipes::read(path)?,
         None => Recipes::embedded()?,
     };
-    let seeds = args.seeds.map_or(1, usize::from);
-    Ok(gnp::compare(&plan, &recipes, seeds, &crate::machine(&args.machine, program)?)?)
+    let published = match &args.published {
+        None => None,
+        Some(Some(path)) => Some(RunConfig::read(path, &[])?),
+        Some(None) => Some(RunConfig::embedded(&format!("paper/{}", config.dataset), &[])?),
+    };
+    let seeds = usize::from(args.seeds);
+    Ok(gnp::compare(&plan, &recipes, seeds, published.as_ref(), &crate::machine(&args.table.machine, program)?)?)
 }
 
 fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
@@ -219,6 +236,34 @@ fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
         machine.progress.result(&format!("{}: {}", figure.name, figure.caption));
     }
     machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", figures.len(), out.display()));
+    Ok(())
+}
+
+fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let run = Run::open(&args.run, &machine)?;
+    let without = args.without.iter().map(|vehicle| Change::Without { vehicle: *vehicle });
+    let speeds =
+        args.speed.iter().map(|(vehicle, speed_mps)| Change::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
+    let goal = args.goal.iter().map(|Place(goal)| Change::Goal(*goal));
+    let question = Question {
+        recording: args.recording.clone(),
+        vehicle: args.vehicle,
+        frame: args.at,
+        changes: without.chain(speeds).chain(goal).collect(),
+    };
+    let explained = gnp::explain(&run, &question)?;
+    if args.json {
+        // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
+        let _ = writeln!(io::stdout().lock(), "{:#}", explained.json());
+    } else {
+        machine.progress.result(&explained.text());
+    }
+    let key = &explained.key;
+    let of_its_own = || run.path().join("explain").join(format!("{}-{}-{}", key.recording, key.vehicle, key.t0));
+    let out = args.out.clone().unwrap_or_else(of_its_own);
+    explained.save_figures(&out)?;
+    machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", explained.figures.len(), out.display()));
     Ok(())
 }
 
@@ -245,7 +290,7 @@ fn replay(args: &ReplayArgs, program: &Program) -> Result<()> {
 }
 
 /// The run that the command line names.
-fn plan(args: &RunArgs, program: &Program) -> Result<Plan> {
+fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Result<Plan> {
     let out = |name: &str| args.out.clone().unwrap_or_else(|| program.run_folder(name));
     // A run is resumed with its own configuration, unless the command line says more than where it is and what it is of.
     if args.resume && args.config.is_none() && args.set.is_empty() {
@@ -258,29 +303,35 @@ fn plan(args: &RunArgs, program: &Program) -> Result<Plan> {
             let mut plan = Plan::resume(place);
             plan.data.clone_from(&args.data_dir);
             plan.dataset = args.dataset;
+            plan.from = from.map(Path::to_owned);
             if plan.is_started()? {
                 return Ok(plan);
             }
         }
     }
-    let (config, name) = resolve(args)?;
+    let (config, name) = resolve(args, from)?;
     let mut plan = Plan::new(config, args.data_dir.clone(), out(&name));
     plan.resume = args.resume;
+    plan.from = from.map(Path::to_owned);
     Ok(plan)
 }
 
-/// The configuration that the command line asks for, and the name it gives a run.
-fn resolve(args: &RunArgs) -> Result<(RunConfig, String)> {
-    let (config, name, shown) = match (&args.config, args.dataset) {
-        (Some(path), _) => {
-            let name = path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
-            (RunConfig::read(path, &args.set)?, name, path.display().to_string())
+/// The configuration that the command line asks for, and the name it gives a run: that of the run to start `from`
+/// unless there is another one.
+fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
+    let stem = |path: &Path| path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
+    let (config, name, shown) = match (&args.config, from, args.dataset) {
+        (Some(path), ..) => (RunConfig::read(path, &args.set)?, stem(path), path.display().to_string()),
+        (None, Some(from), _) => {
+            let path = from.join("config.toml");
+            let name = format!("{}-tuned", stem(from));
+            (RunConfig::read(&path, &args.set)?, name, path.display().to_string())
         }
-        (None, Some(dataset)) => {
+        (None, None, Some(dataset)) => {
             let name = dataset.as_str();
             (RunConfig::embedded(name, &args.set)?, name.to_owned(), format!("configs/{name}.toml"))
         }
-        (None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config FILE"),
+        (None, None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config FILE"),
     };
     if let Some(asked) = args.dataset
         && asked != config.dataset

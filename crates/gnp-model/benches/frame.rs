@@ -119,6 +119,7 @@ fn model(sizes: &Sizes, features: Features) -> Result<Gnp, Box<dyn Error>> {
         split_hash: String::new(),
         epoch: 0,
         scores: BTreeMap::new(),
+        origin: None,
         trainer: None,
     };
     let of_force = Header { part: Component::Repulsion, goal: None, traj: Some(sizes.traj.clone()), ..header.clone() };

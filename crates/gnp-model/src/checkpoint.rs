@@ -1,7 +1,7 @@
 //! Checkpoints: safetensors with a header that says what the weights are and what they need.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gnp_data::{Dataset, WindowShape};
 use gnp_file::FileHeader;
@@ -62,12 +62,25 @@ pub struct Header {
     pub code_version: String,
     /// Hash of the split trained on.
     pub split_hash: String,
+    /// The run whose weights the training started from; none where they were drawn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<Origin>,
     /// Epochs trained when the file was written.
     pub epoch: usize,
     /// Validation scores at that epoch, by name.
     pub scores: BTreeMap<String, f64>,
     /// What a trainer needs to go on from this file, as JSON; its tensors are named `trainer.*`.
     pub trainer: Option<String>,
+}
+
+/// The run that a fine-tuned one started from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// Its folder at that time.
+    pub folder: PathBuf,
+    /// Hash of the split that it was trained on.
+    pub split_hash: String,
 }
 
 impl FileHeader for Header {

@@ -190,6 +190,14 @@ impl Features {
         situation(&self.config, self.shape, self.platoon.as_ref(), seen)
     }
 
+    /// The same configuration and statistics with the drivers of another site or another time, where the reference path is
+    /// the platoon's.
+    #[must_use]
+    pub fn with_platoon(self, platoon: &PlatoonRule) -> Self {
+        let followed = self.platoon.map(|_| platoon.clone());
+        Self { platoon: followed, ..self }
+    }
+
     /// The car-following rule behind the reference path, where that is the platoon's.
     #[must_use]
     pub fn platoon(&self) -> Option<&PlatoonRule> {

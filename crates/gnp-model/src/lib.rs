@@ -17,7 +17,7 @@ mod select;
 mod situation;
 
 pub use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
-pub use crate::checkpoint::{Checkpoint, Component, Header};
+pub use crate::checkpoint::{Checkpoint, Component, Header, Origin};
 pub use crate::error::ModelError;
 pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation, SeenNeighbours};
 pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};

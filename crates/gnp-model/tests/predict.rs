@@ -158,6 +158,7 @@ fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
         split_hash: "abc".to_owned(),
         epoch: 0,
         scores: BTreeMap::from([("loss".to_owned(), 0.5)]),
+        origin: None,
         trainer: None,
     };
     let named = |weights: &Weights| -> BTreeMap<String, Tensor> {

@@ -5,8 +5,11 @@
 //! al. 2022). Shared parts exist once: grids of neighbours, the path encoder, Gaussian heads,
 //! pooling whose gradient is right, and one training by [`Recipe`]. [`TrainedBaseline`] is any of them behind
 //! [`gnp_data::Predictor`]; only [`NeuralBaseline::PipInformed`] is ever handed a recorded future.
+//! [`ColumnNetwork`] is not published: a small network that looks at the column of leaders alone, the learned rule
+//! that a larger model must beat.
 
 mod checkpoint;
+mod column;
 mod conv;
 mod cslstm;
 mod encoder;
@@ -34,6 +37,7 @@ mod time_grid;
 mod train;
 
 pub use crate::checkpoint::Header;
+pub use crate::column::{ColumnHeader, ColumnNetwork, ColumnRecipe};
 pub use crate::error::NeuralBaselineError;
 pub use crate::kind::NeuralBaseline;
 pub use crate::learned::{TrainedBaseline, WithFuture};

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use candle_core::Tensor;
+use candle_core::{Tensor, Var};
 use gnp_model::{Checkpoint, Header, ModelError};
 use gnp_nn::Weights;
 
@@ -60,6 +60,7 @@ impl Checkpoints {
             ("the goal network", now.goal == then.goal),
             ("the social force", now.traj == then.traj),
             ("the seed", now.seed == then.seed),
+            ("the run to start from", now.origin == then.origin),
         ];
         let stage = self.header.part.name();
         if let Some((what, _)) = pairs.iter().find(|(_, same)| !same) {
@@ -70,6 +71,23 @@ impl Checkpoints {
         let progress: Progress =
             serde_json::from_str(text).map_err(|e| damaged(format!("does not say where training stood: {e}")))?;
         Ok(Some(TrainingState::from_tensors(&checkpoint.tensors, progress)))
+    }
+
+    /// Puts the weights of the checkpoint at `path`, of the same part in another run, into those of `trained`, which the
+    /// network was built on: where a training starts from another one.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`] when the file is damaged, of another part or shape, or lacks one of the weights.
+    pub fn start_from(&self, path: &Path, trained: &BTreeMap<String, Var>) -> Result<(), TrainError> {
+        let Checkpoint { header, tensors } = Checkpoint::load(path).map_err(ModelError::from)?;
+        header.expect(path, self.header.part, Some(self.header.shape))?;
+        if let Some(name) = trained.keys().find(|name| !tensors.contains_key(*name)) {
+            let problem = format!("has no weight `{name}`: it is of a network of another form");
+            return Err(ModelError::Checkpoint { path: path.to_owned(), problem }.into());
+        }
+        let taken = tensors.iter().filter(|(name, _)| trained.contains_key(*name));
+        self.weights.set(taken.map(|(name, tensor)| (name.as_str(), tensor)))?;
+        Ok(())
     }
 
     /// Puts the weights of the best epoch into the network.

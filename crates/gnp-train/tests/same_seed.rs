@@ -195,6 +195,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
         split_hash: "test".into(),
         epoch: 0,
         scores: Default::default(),
+        origin: None,
         trainer: None,
     };
     let parts = [Windows::new(&set, train), Windows::new(&set, validation)];

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use toml::Table;
 
 pub use self::keys::Setting;
+pub(crate) use self::keys::first_difference;
 
 /// Writes every key: what is known is what stands in it.
 const REFERENCE: &str = include_str!("../configs/smoke.toml");

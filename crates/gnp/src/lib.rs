@@ -36,6 +36,7 @@ mod config;
 mod data;
 mod error;
 mod evaluation;
+mod explain;
 mod figures;
 mod machine;
 pub mod memory;
@@ -51,6 +52,7 @@ pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder}
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};
 pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};
+pub use crate::explain::{Change, Explained, Question, explain};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
 pub use crate::progress::{Progress, Silent, Stop, Work};

@@ -119,6 +119,10 @@ fn facts(run: &Run, split: &Split) -> Vec<(String, String)> {
     let leaks = if split.leaks() { " (leaks)" } else { "" };
     let counts = format!("{} / {} / {}", split.train().len(), split.validation().len(), split.test().len());
     let seconds: f64 = state.finished.values().sum();
+    let origin = state.origin.as_ref().map(|origin| {
+        let words = format!("{}, split {}", origin.folder.display(), origin.split_hash);
+        ("fine-tuned from".to_owned(), words)
+    });
     [
         ("data", plain(&state.data.description)),
         ("kind of data", simulated.to_owned()),
@@ -140,7 +144,9 @@ fn facts(run: &Run, split: &Split) -> Vec<(String, String)> {
         ("time of all stages", format!("{seconds:.0} s")),
     ]
     .map(|(name, value)| (name.to_owned(), value))
-    .to_vec()
+    .into_iter()
+    .chain(origin)
+    .collect()
 }
 
 fn quality(report: &IngestSummary) -> ReportTable {

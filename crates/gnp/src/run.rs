@@ -1,6 +1,7 @@
 //! A run being worked on: its folder, its configuration, its recordings, the machine.
 
 pub(crate) mod folder;
+pub(crate) mod origin;
 
 use std::cell::OnceCell;
 use std::path::Path;
@@ -13,7 +14,8 @@ use crate::data::ingest::IngestSummary;
 use crate::error::{Result, bail};
 use crate::evaluation::rules;
 use crate::machine::Machine;
-use crate::run::folder::{RunFolder, RunState, Stage};
+use crate::run::folder::{RunFolder, RunState, Stage, write_state};
+use crate::run::origin::Finished;
 
 /// A run: a folder with everything that was made from some recordings by one configuration.
 #[derive(Debug)]
@@ -118,7 +120,31 @@ impl Run {
         Ok(split)
     }
 
-    /// The split of the run and the features of its training part.
+    /// Makes it start from the modes, feature statistics and weights of the finished run in `folder`, which has the same
+    /// form; they are copied.
+    ///
+    /// # Errors
+    /// When that run is not finished or has another form; when this one has modes already, or starts from another run.
+    pub fn start_from(&mut self, folder: &Path) -> Result<()> {
+        let origin = Finished::open(folder)?;
+        if let Some(before) = &self.folder.state.origin {
+            return origin.expect(before, self.folder.root());
+        }
+        if self.folder.has(Stage::Modes) {
+            bail!(
+                Folder,
+                "{} has modes of its own; start over from {} by --again",
+                self.folder.root().display(),
+                folder.display()
+            );
+        }
+        let config = RunConfig::read(&self.folder.path("config.toml"), &[])?;
+        self.folder.state.origin = Some(origin.copy(&config, self.folder.root())?);
+        write_state(self.folder.root(), &self.folder.state)
+    }
+
+    /// The split of the run and the features of its training part; a fine-tuned run keeps the statistics that its networks
+    /// were trained with.
     ///
     /// # Errors
     /// As [`Run::split`].
@@ -129,7 +155,11 @@ impl Run {
             ReferencePath::Platoon => Some(rules::platoon(self)?),
             ReferencePath::ConstantVelocity => None,
         };
-        let features = Features::fit(&self.config.features, set.shape(), platoon.as_ref(), training)?;
+        let features = match (origin::features(&self.folder)?, platoon) {
+            (Some(features), Some(platoon)) => features.with_platoon(&platoon),
+            (Some(features), None) => features,
+            (None, platoon) => Features::fit(&self.config.features, set.shape(), platoon.as_ref(), training)?,
+        };
         Ok((split, features))
     }
 

@@ -3,7 +3,7 @@
 mod modes;
 mod training;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use gnp_data::{Dataset, Recording};
@@ -19,6 +19,7 @@ use crate::machine::Machine;
 use crate::report;
 use crate::run::Run;
 use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
+use crate::run::origin::Finished;
 
 /// A run that is to be there: started or resumed.
 #[derive(Clone, Debug)]
@@ -34,19 +35,21 @@ pub struct Plan {
     pub out: PathBuf,
     /// Whether an existing folder is resumed instead of refused.
     pub resume: bool,
+    /// A finished run whose modes, feature statistics and weights the new one starts from.
+    pub from: Option<PathBuf>,
 }
 
 impl Plan {
     /// A new run.
     #[must_use]
     pub fn new(config: RunConfig, data: Option<PathBuf>, out: impl Into<PathBuf>) -> Self {
-        Self { dataset: None, config: Some(config), data, out: out.into(), resume: false }
+        Self { dataset: None, config: Some(config), data, out: out.into(), resume: false, from: None }
     }
 
     /// To resume a run with its own configuration.
     #[must_use]
     pub fn resume(out: impl Into<PathBuf>) -> Self {
-        Self { dataset: None, config: None, data: None, out: out.into(), resume: true }
+        Self { dataset: None, config: None, data: None, out: out.into(), resume: true, from: None }
     }
 
     /// Whether there is something in the folder.
@@ -79,7 +82,7 @@ impl Plan {
             return self.go_on(machine);
         }
         match &self.config {
-            Some(config) => start(config, self.data.as_deref(), machine, &self.out, split),
+            Some(config) => start(config, self, machine, split),
             None => bail!(Config, "there is no run in {} to go on with; give a configuration", self.out.display()),
         }
     }
@@ -106,6 +109,15 @@ impl Plan {
                 self.out.display()
             );
         }
+        if let Some(from) = &self.from {
+            let from = Finished::open(from)?;
+            match &folder.state.origin {
+                Some(origin) => from.expect(origin, &self.out)?,
+                None => {
+                    bail!(Folder, "{} did not start from another run; take another --out", self.out.display())
+                }
+            }
+        }
         let run = Run::new(folder, &config, machine);
         run.say_data();
         Ok(run)
@@ -113,16 +125,18 @@ impl Plan {
 }
 
 /// Ingests into a new run folder, which appears when everything is read.
-fn start(config: &RunConfig, data: Option<&Path>, machine: &Machine, root: &Path, split: bool) -> Result<Run> {
-    let draft = Draft::start(root, "go on with it by --resume, or take another --out")?;
-    let found = source::find(config, data)?;
+fn start(config: &RunConfig, plan: &Plan, machine: &Machine, split: bool) -> Result<Run> {
+    let draft = Draft::start(&plan.out, "go on with it by --resume, or take another --out")?;
+    let from = plan.from.as_deref().map(Finished::open).transpose()?;
+    let origin = from.map(|from| from.copy(config, draft.path())).transpose()?;
+    let found = source::find(config, plan.data.as_deref())?;
     machine.progress.result(&format!("Data: {}", found.data.description));
     let started = Instant::now();
     let report = ingest::run(found, config, draft.path(), machine)?;
     write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
     // Only the split needs all recordings at once.
     let recordings: Option<Vec<Recording>> = if split { Some(report.load(draft.path(), machine)?) } else { None };
-    let mut state = RunState::new(config.seed, report.data);
+    let mut state = RunState { origin, ..RunState::new(config.seed, report.data) };
     if let Some(recordings) = &recordings {
         state.split_hash = modes::split(recordings, config, draft.path(), machine)?;
     }
@@ -137,6 +151,9 @@ impl Run {
     /// Says which data it is of.
     pub fn say_data(&self) {
         self.result(&format!("Data: {}", self.folder.state.data.description));
+        if let Some(origin) = &self.folder.state.origin {
+            self.note(&format!("starts from {}", origin.folder.display()));
+        }
     }
 
     /// Does every stage that is not finished yet.

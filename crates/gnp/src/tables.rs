@@ -2,7 +2,8 @@
 //! baselines ([`compare`]), and GNP beside its ablations ([`ablate`]).
 //!
 //! A table has a folder: `gnp/` is the run of the full model, `gnp-seed-1/` and so on the same with other
-//! seeds, `learned/` has the neural baselines, `variants/` the runs of ablations. With a split into folds there is one such folder a fold,
+//! seeds, `learned/` has the neural baselines, `published/` is a run of the published model, `variants/` are the runs of
+//! ablations. With a split into folds there is one such folder a fold,
 //! `fold-1/` and so on, and every window is scored once, by models that were not trained on what is
 //! kept together with it. What is trained there stays; a table that is started again with
 //! `--resume` trains what is missing and scores everything anew.
@@ -10,6 +11,7 @@
 mod derived;
 mod files;
 mod printed;
+mod published;
 mod recipes;
 mod variants;
 
@@ -18,9 +20,9 @@ use std::path::{Path, PathBuf};
 use gnp_baselines::RULES;
 use gnp_data::{Split, WindowSet};
 use gnp_eval::Evaluation;
-use gnp_neural_baselines::NeuralBaseline;
+use gnp_neural_baselines::{ColumnNetwork, NeuralBaseline};
 
-use self::derived::derived;
+use self::derived::beside;
 use self::files::{Report, Scored, write_report};
 pub use self::recipes::Recipes;
 use self::variants::{FULL, VARIANTS};
@@ -34,29 +36,50 @@ use crate::run::Run;
 use crate::run::folder::{Stage, occupied};
 use crate::stages::{Plan, kinds};
 
-/// GNP, the rules and the neural baselines that have a recipe, on the same windows. GNP is trained with `seeds` seeds,
-/// that of the configuration and those after it: its row is the mean over them, and intervals draw them.
+/// GNP, the rules and the neural baselines that have a recipe, on the same windows; GNP as published, too, where
+/// `published` is the configuration that says how it is trained. GNP is trained with `seeds` seeds, that of the
+/// configuration and those after it: its row is the mean over them, and intervals draw them.
 ///
 /// # Errors
 /// When there is no seed, or a training or an evaluation fails; [`Error::Stopped`] with the table's folder.
-pub fn compare(plan: &Plan, recipes: &Recipes, seeds: usize, machine: &Machine) -> Result<()> {
+pub fn compare(
+    plan: &Plan,
+    recipes: &Recipes,
+    seeds: usize,
+    published: Option<&RunConfig>,
+    machine: &Machine,
+) -> Result<()> {
     let kinds: Vec<NeuralBaseline> =
         NeuralBaseline::ALL.into_iter().filter(|kind| recipes.get(*kind).is_some()).collect();
-    let missing: Vec<String> = NeuralBaseline::ALL
-        .into_iter()
-        .filter(|kind| !kinds.contains(kind))
-        .map(|kind| format!("{}: has no recipe ([{}])", kind.name(), kind.stem()))
-        .collect();
-    let table = Table::start("table1", plan, machine, (2 + RULES.len() + kinds.len(), seeds))?;
+    let mut missing = Vec::new();
+    if published.is_none() {
+        missing.push(format!("{}: is trained where --published asks for it", published::NAME));
+    }
+    if recipes.column().is_none() {
+        missing.push(format!("{}: has no recipe ([{}])", ColumnNetwork::NAME, ColumnNetwork::STEM));
+    }
+    let without = NeuralBaseline::ALL.into_iter().filter(|kind| !kinds.contains(kind));
+    missing.extend(without.map(|kind| format!("{}: has no recipe ([{}])", kind.name(), kind.stem())));
+    let total = 2 + RULES.len() + usize::from(published.is_some()) + usize::from(recipes.column().is_some());
+    let table = Table::start("table1", plan, machine, (total + kinds.len(), seeds))?;
     let scored = table.scored(|fold| {
         let gnp = fold.run.model()?;
         let goal_head = System::predictor("goal head", gnp.goal_head());
         let mut systems = vec![System::gnp(FULL, gnp), goal_head];
         systems.extend(rules::systems(fold.run)?);
-        for (done, kind) in kinds.iter().copied().enumerate() {
-            fold.progress(3 + RULES.len() + done, kind.name());
-            let Some(recipe) = recipes.get(kind) else { continue };
-            systems.push(recipes::system(kind, recipe, fold, &fold.folder.join("learned"))?);
+        let learned = fold.folder.join("learned");
+        if let Some(recipe) = recipes.column() {
+            fold.progress(systems.len() + 1, ColumnNetwork::NAME);
+            systems.push(recipes::column(recipe, fold, &learned)?);
+        }
+        for kind in &kinds {
+            fold.progress(systems.len() + 1, kind.name());
+            let Some(recipe) = recipes.get(*kind) else { continue };
+            systems.push(recipes::system(*kind, recipe, fold, &learned)?);
+        }
+        if let Some(config) = published {
+            fold.progress(systems.len() + 1, published::NAME);
+            systems.push(published::system(config, fold, &fold.folder.join("published"))?);
         }
         Ok(systems)
     })?;
@@ -85,7 +108,7 @@ pub fn ablate(plan: &Plan, machine: &Machine) -> Result<()> {
         let config = RunConfig::read(&run.folder.path("config.toml"), &[])?;
         let mut systems = Vec::new();
         for (done, variant) in VARIANTS.iter().enumerate() {
-            if variant.is_the_full_model(run.path(), &config)? {
+            if variant.left_out(run.path(), &config)?.is_some() {
                 continue;
             }
             let place = match variant.folder(&config) {
@@ -93,28 +116,27 @@ pub fn ablate(plan: &Plan, machine: &Machine) -> Result<()> {
                 Some(name) => {
                     fold.progress(done + 1, variant.name);
                     let place = fold.folder.join("variants").join(name);
-                    let mut run = variant.start(&run.folder, &config, &place, machine)?;
+                    let mut run = variant.start(&run.folder, &place, machine)?;
                     variant.redo.iter().try_for_each(|stage| run.perform(*stage))?;
                     place
                 }
             };
-            systems.push(variant.system(&place, &config, &run.machine.device)?);
+            systems.push(variant.system(&place, &variant.changed(run.path())?, &run.machine.device)?);
         }
         Ok(systems)
     })?;
     let config = RunConfig::read(&scored.run.folder.path("config.toml"), &[])?;
     let mut missing = Vec::new();
     for variant in &VARIANTS {
-        if variant.is_the_full_model(scored.run.path(), &config)? {
-            missing.push(format!("{}: the configuration is like that", variant.name));
+        if let Some(why) = variant.left_out(scored.run.path(), &config)? {
+            missing.push(format!("{}: {why}", variant.name));
         }
     }
     let report = Report {
         stem: "table2",
         title: "Table 2: what the parts of GNP do",
-        about: "Each row changes one thing in the full model (first row, neighbours at constant velocity); parts that \
-                the change does not reach are shared. *No modes* is a single mode, the mean future, hence one goal \
-                made of the observation alone.",
+        about: "Each row changes one thing in the full model (first row); parts that the change does not reach are \
+                shared. *No modes* is a single mode, the mean future, hence one goal made of the observation alone.",
         ours: FULL,
         missing: &missing,
         seeds: 1,
@@ -161,7 +183,7 @@ impl Fold<'_> {
 /// Whether everything in a folder is of a table, also of one that was interrupted before there was a model.
 fn is_table(stem: &str, folder: &Path) -> Result<bool> {
     let cannot = || format!("cannot list {}", folder.display());
-    let ours = [stem, "fold-", "gnp", "learned", "variants", "differences.json", "."];
+    let ours = [stem, "fold-", "gnp", "learned", "published", "variants", "differences.json", "."];
     for entry in std::fs::read_dir(folder).with_context(cannot)? {
         let name = entry.with_context(cannot)?.file_name();
         if !ours.iter().any(|start| name.to_string_lossy().starts_with(start)) {
@@ -183,6 +205,9 @@ impl<'a> Table<'a> {
             bail!(Config, "a table needs at least one seed");
         }
         let Some(config) = plan.config.clone() else { bail!(Config, "a table needs a configuration") };
+        if plan.from.is_some() {
+            bail!(Config, "the systems of a table are trained on its windows alone; leave the run to start from out");
+        }
         let folder = plan.out.clone();
         let in_use = occupied(&folder)?;
         if in_use && !plan.resume {
@@ -263,7 +288,8 @@ impl<'a> Table<'a> {
         let setting = Setting { key: "seed".to_owned(), text: seed.to_string() };
         let redo = [Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
         let place = fold.folder.join(format!("gnp-seed-{seed}"));
-        let mut run = derived(&fold.run.folder, &[setting], &redo, &place, self.machine)?;
+        let config = RunConfig::read(&fold.run.folder.path("config.toml"), &[setting])?;
+        let mut run = beside(&fold.run.folder, &config, &redo, &place, self.machine)?;
         run.train()?;
         evaluation::evaluate(
             material,

@@ -106,6 +106,7 @@ fn model(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Gnp> {
         split_hash: String::new(),
         epoch: 0,
         scores: BTreeMap::new(),
+        origin: None,
         trainer: None,
     };
     let force = Header { part: Component::Repulsion, goal: None, traj: Some(config.traj.clone()), ..header.clone() };

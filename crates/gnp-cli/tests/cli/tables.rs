@@ -24,14 +24,19 @@ fn windows_of(split: &Value, part: &str) -> u64 {
     tracks.map(|track| track["t0"].as_array().unwrap().len() as u64).sum()
 }
 
-/// Two of the recipes that come with the project, over in a moment.
+/// Three of the recipes that come with the project, over in a moment.
 fn recipes(folder: &Path) -> String {
     let mut recipes: toml::Table =
         fs::read_to_string(root().join("configs/neural-baselines.toml")).unwrap().parse().unwrap();
-    recipes.retain(|stem, _| ["s_lstm", "cs_lstm_m"].contains(&stem));
+    recipes.retain(|stem, _| ["column_network", "s_lstm", "cs_lstm_m"].contains(&stem));
     for (_, recipe) in recipes.iter_mut() {
-        for (key, value) in [("warm_up_epochs", 1), ("likelihood_epochs", 1), ("epoch_windows", 32)] {
-            recipe.as_table_mut().unwrap().insert(key.to_owned(), value.into());
+        let recipe = recipe.as_table_mut().unwrap();
+        for (key, value) in
+            [("warm_up_epochs", 1), ("likelihood_epochs", 1), ("epoch_windows", 32), ("networks", 1), ("epochs", 1)]
+        {
+            if let Some(kept) = recipe.get_mut(key) {
+                *kept = value.into();
+            }
         }
     }
     let path = folder.join("recipes.toml");
@@ -55,14 +60,14 @@ fn every_system_is_trained_once_and_scored_on_the_same_windows() {
         run(&arguments("table1", data.path(), &place, &config, &more))
     };
     let first = table1(&[]).well();
-    assert!(first.err.contains("table1: 8 of 9, S-LSTM") && first.err.contains("S-LSTM: epoch 2/2"), "{}", first.err);
+    assert!(first.err.contains("table1: 9 of 10, S-LSTM") && first.err.contains("S-LSTM: epoch 2/2"), "{}", first.err);
     let figures = names(&place).into_iter().filter(|name| name.contains("error-by-horizon")).count();
     assert!(figures >= 2 && figures.is_multiple_of(2), "as SVG and as PNG: {:?}", names(&place));
     let others: Vec<String> = names(&place).into_iter().filter(|name| !name.contains("error-by-horizon")).collect();
     assert_eq!(others, ["differences.json", "gnp", "learned", "table1.csv", "table1.json", "table1.md"]);
     let content = json(&place.join("table1.json"));
     let blind = ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM", "platoon"];
-    let learned = ["S-LSTM", "CS-LSTM(M)"];
+    let learned = ["column network", "S-LSTM", "CS-LSTM(M)"];
     assert_eq!(strings(&content["systems"]), [&blind[..], &learned].concat());
     assert!(strings(&content["missing"]).iter().any(|text| text.starts_with("CS-LSTM: has no recipe")));
     let test = content["windows"].as_u64().unwrap();
@@ -118,9 +123,27 @@ fn over_the_folds_every_window_is_scored_once() {
     let more = ["--recipes", none.to_str().unwrap(), "--set", "evaluate.subset=validation"];
     run(&arguments("table1", data.path(), &place, &config, &more)).well();
     let content = json(&place.join("table1.json"));
+    let published = |content: &Value| strings(&content["systems"]).contains(&"GNP as published");
+    assert!(!published(&content) && content["missing"][0].as_str().unwrap().contains("--published"));
     assert!(content["split"].as_str().unwrap().contains("validation part"), "{}", content["split"]);
     let split = json(&place.join("gnp/split.json"));
     assert_eq!(content["windows"].as_u64().unwrap(), windows_of(&split, "validation"));
+
+    // A published model of the same form is the same model: it is trained on the table's windows, whatever its own are.
+    let text = fs::read_to_string(&config).unwrap();
+    let text = text.replacen("stride_s = ", "stride_s = 1", 1);
+    let file = out.path().join("published.toml");
+    fs::write(&file, text).unwrap();
+    let asked = format!("--published={}", file.display());
+    run(&arguments("table1", data.path(), &place, &config, &[&more[..], &["--resume", &asked]].concat())).well();
+    let content = json(&place.join("table1.json"));
+    assert!(published(&content));
+    let of = |model: &str| -> Vec<Value> {
+        let scores = content["scores"].as_array().unwrap().iter().filter(|score| score["model"] == model);
+        scores.map(|score| score["value"].clone()).collect()
+    };
+    assert_eq!(of("GNP as published"), of("gnp"));
+    assert_eq!(json(&place.join("published/run.json"))["split_hash"], json(&place.join("gnp/run.json"))["split_hash"]);
 }
 
 /// Two trainings of GNP are one row; a seed is added to a table that is there.
@@ -190,10 +213,11 @@ fn ablations_share_what_they_do_not_change() {
     let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
     let place = out.path().join("table");
     let finished = run(&arguments("table2", data.path(), &place, &config, &[])).well();
-    assert!(finished.err.contains("table2: 8 of 12, explicit Euler"), "{}", finished.err);
+    assert!(finished.err.contains("table2: 14 of 18, explicit Euler"), "{}", finished.err);
     let content = json(&place.join("table2.json"));
     let systems = strings(&content["systems"]);
-    assert_eq!((systems.len(), systems[0]), (12, "gnp"));
+    assert_eq!((systems.len(), systems[0]), (17, "gnp"));
+    assert!(strings(&content["missing"])[0].starts_with("joint neighbours: "), "{}", content["missing"]);
 
     // A goal network with one mode takes the forces over and the other way round.
     let same = |variant: &str, file: &str| {
@@ -206,6 +230,14 @@ fn ablations_share_what_they_do_not_change() {
         ("traj-lines-false", "goal.safetensors", true),
         ("traj-lines-false", "repulsion.safetensors", false),
         ("predict-neighbours-oracle", "attraction.safetensors", true),
+        ("predict-neighbours-constant_velocity", "goal.safetensors", true),
+        ("predict-neighbours-constant_velocity", "repulsion.safetensors", false),
+        ("goal-mean_weight-0.0", "modes.safetensors", true),
+        ("goal-mean_weight-0.0", "goal.safetensors", false),
+        ("features-vehicles_ahead-1", "goal.safetensors", false),
+        ("features-vehicles_ahead-1", "repulsion.safetensors", true),
+        ("features-reference-constant_velocity", "modes.safetensors", false),
+        ("features-reference-constant_velocity", "split.json", true),
         ("modes-modes-16", "split.json", true),
     ] {
         assert_eq!(same(variant, file), expected, "{variant}/{file}");
@@ -225,6 +257,7 @@ fn ablations_share_what_they_do_not_change() {
     };
     assert_eq!(score("no modes", "clean", "min_fde", 6), score("no modes", "clean", "fde", 1));
     assert_ne!(score("no modes", "clean", "fde", 1), score("no modes, no repulsion", "clean", "fde", 1));
+    assert_ne!(score("selection: medoids", "clean", "fde", 1), score("gnp", "clean", "fde", 1));
     for oracle in ["true goal", "oracle neighbours"] {
         assert_eq!(score(oracle, "clean", "fde", 1), None);
         assert!(score(oracle, "paper", "min_fde", 20).unwrap().1);

@@ -8,6 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Context as _, Result, bail};
+use gnp_model::Origin;
 use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
@@ -107,6 +108,9 @@ pub struct RunState {
     pub data: DataState,
     /// Hash of the split, which names the windows of every part; empty before there is one.
     pub split_hash: String,
+    /// The run that this one started from, where it is fine-tuned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<Origin>,
     /// Finished stages, with how long each took in seconds.
     pub finished: BTreeMap<Stage, f64>,
 }
@@ -115,7 +119,7 @@ impl RunState {
     /// The state of a new run.
     pub(crate) fn new(seed: u64, data: DataState) -> Self {
         let version = env!("CARGO_PKG_VERSION").to_owned();
-        Self { format: FORMAT, version, seed, data, split_hash: String::new(), finished: BTreeMap::new() }
+        Self { format: FORMAT, version, seed, data, split_hash: String::new(), origin: None, finished: BTreeMap::new() }
     }
 
     /// Notes that a stage is finished, and how many seconds it took.

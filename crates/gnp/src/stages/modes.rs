@@ -6,11 +6,12 @@ use std::path::Path;
 use crate::error::Result;
 use gnp_data::{Recording, Split, SplitKind, Subset, WindowSet, overlaps};
 use gnp_model::AugmentedView;
-use gnp_modes::fit;
+use gnp_modes::{Modes, fit};
 
 use crate::config::RunConfig;
 use crate::machine::Machine;
-use crate::run::Run;
+use crate::run::folder::Stage;
+use crate::run::{Run, origin};
 
 /// Parts the windows of all recordings, writes `split.json` to `folder`; returns the split's hash.
 ///
@@ -31,8 +32,8 @@ pub(super) fn split(recordings: &[Recording], config: &RunConfig, folder: &Path,
     Ok(split.hash().to_owned())
 }
 
-/// Finds the modes of the training part and writes `modes.safetensors`; parts the windows first
-/// unless they are.
+/// Finds the modes of the training part, or takes those of the run that this one starts from, and writes
+/// `modes.safetensors`; parts the windows first unless they are.
 ///
 /// # Errors
 /// Those of [`split`]; when there are fewer different futures than modes.
@@ -42,6 +43,13 @@ pub(super) fn find(run: &mut Run) -> Result<()> {
         run.folder.state.split_hash = hash;
     }
     run.machine.stop.check()?;
+    let place = run.folder.path("modes.safetensors");
+    if let Some(taken) = origin::file(&run.folder, Stage::Modes) {
+        let modes = Modes::load(&taken)?;
+        modes.save(&place)?;
+        run.note(&format!("modes: {} of the run that this one starts from", modes.len()));
+        return Ok(());
+    }
     let set = run.windows()?;
     let (split, features) = run.features(&set)?;
     let mut futures = Vec::with_capacity(split.train().len() * 2 * set.shape().t_pred);
@@ -57,7 +65,7 @@ pub(super) fn find(run: &mut Run) -> Result<()> {
         }
     }
     let modes = fit(&futures, set.shape().t_pred, features.mode_frame(), &run.config.modes)?;
-    modes.save(&run.folder.path("modes.safetensors"))?;
+    modes.save(&place)?;
     let (most, least) = (modes.sizes.first().copied().unwrap_or(0), modes.sizes.last().copied().unwrap_or(0));
     let windows = futures.len() / (2 * set.shape().t_pred).max(1);
     let rms = (modes.inertia / (windows * set.shape().t_pred).max(1) as f64).sqrt();

@@ -17,10 +17,12 @@ use gnp_traj::SocialForce;
 
 use crate::machine::Machine;
 use crate::progress::Work;
-use crate::run::Run;
+use crate::run::folder::Stage as RunStage;
+use crate::run::{Run, origin};
 use crate::text::duration;
 
-/// Trains one part of the model, from its last checkpoint if there is one. The best weights are
+/// Trains one part of the model: from its last checkpoint if there is one, else from the weights of the run that this one
+/// starts from if there is one. The best weights are
 /// left in `PART.safetensors`, the curves in `history-PART.json` and `events/`.
 ///
 /// # Errors
@@ -37,12 +39,18 @@ pub(super) fn train(run: &Run, part: Component) -> Result<()> {
             let modes = Modes::load(&run.folder.path("modes.safetensors"))?;
             let net = GoalNet::new(&config.goal.net, features.goal_shape(), weights.builder())?;
             let stage = GoalStage::new(net, &weights, &features, &modes, parts, &config.goal.loss)?;
-            fit(run, &stage, &config.goal.train, Checkpoints::new(run.folder.root(), header, &weights))
+            fit(run, RunStage::Goal, &stage, &config.goal.train, Checkpoints::new(run.folder.root(), header, &weights))
         }
         Component::Attraction => {
             let force = SocialForce::new(&config.traj, weights.builder())?;
             let stage = PathStage::attraction(force, &weights, &features, parts, &config.attraction.loss)?;
-            fit(run, &stage, &config.attraction.train, Checkpoints::new(run.folder.root(), header, &weights))
+            fit(
+                run,
+                RunStage::Attraction,
+                &stage,
+                &config.attraction.train,
+                Checkpoints::new(run.folder.root(), header, &weights),
+            )
         }
         Component::Repulsion => {
             let force = SocialForce::new(&config.traj, weights.builder())?;
@@ -50,7 +58,13 @@ pub(super) fn train(run: &Run, part: Component) -> Result<()> {
             Checkpoints::new(run.folder.root(), attraction, &weights).restore_best()?;
             let neighbours = config.predict.neighbours;
             let stage = PathStage::repulsion(force, &weights, &features, parts, neighbours, &config.repulsion.loss)?;
-            fit(run, &stage, &config.repulsion.train, Checkpoints::new(run.folder.root(), header, &weights))
+            fit(
+                run,
+                RunStage::Repulsion,
+                &stage,
+                &config.repulsion.train,
+                Checkpoints::new(run.folder.root(), header, &weights),
+            )
         }
     }
 }
@@ -69,15 +83,21 @@ fn header(run: &Run, part: Component, set: &WindowSet<'_>, split: &Split, featur
         seed: config.seed,
         code_version: env!("CARGO_PKG_VERSION").to_owned(),
         split_hash: split.hash().to_owned(),
+        origin: state.origin.clone(),
         epoch: 0,
         scores: BTreeMap::new(),
         trainer: None,
     }
 }
 
-fn fit(run: &Run, stage: &dyn Stage, config: &TrainConfig, mut checkpoints: Checkpoints) -> Result<()> {
+fn fit(run: &Run, part: RunStage, stage: &dyn Stage, config: &TrainConfig, mut checkpoints: Checkpoints) -> Result<()> {
     let name = stage.name();
     let last = checkpoints.last()?;
+    if last.is_none()
+        && let Some(path) = origin::file(&run.folder, part)
+    {
+        checkpoints.start_from(&path, &stage.trainable())?;
+    }
     let events = EventWriter::create(&run.folder.path("events"))?;
     let watch = Watch::new(&run.machine, name, config.epochs);
     let mut trainer =

@@ -6,7 +6,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::config::{RunConfig, Setting};
+use crate::config::RunConfig;
 use crate::data::ingest::RECORDINGS;
 use crate::error::{Context as _, Result};
 use crate::evaluation::rules;
@@ -14,32 +14,31 @@ use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
 
-/// The run in `place` that differs from `full` in `settings`, which reach the stages `redo`; started from the folder
-/// of `full` unless it is there.
+/// The run of `config` on the windows of the run `full`, in `place`: started there with the stages `redo`, which its
+/// differences reach, left to do unless it is there.
 ///
 /// # Errors
-/// When it cannot be made, or was made of another model.
-pub(super) fn derived(
+/// When it cannot be made, or was made of another configuration.
+pub(super) fn beside(
     full: &RunFolder,
-    settings: &[Setting],
+    config: &RunConfig,
     redo: &[Stage],
     place: &Path,
     machine: &Machine,
 ) -> Result<Run> {
-    let changed = RunConfig::read(&full.path("config.toml"), settings)?;
     if !occupied(place)? {
         let draft = Draft::start(place, "remove it")?;
         copy(full, redo, draft.path())?;
-        write(&draft.path().join("config.toml"), changed.to_toml()?.as_bytes())?;
+        write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
         let kept = |stage: &Stage| !redo.contains(stage) && *stage < Stage::Evaluate;
         let finished = full.state.finished.clone().into_iter().filter(|(stage, _)| kept(stage)).collect();
-        write_state(draft.path(), &RunState { finished, seed: changed.seed, ..full.state.clone() })?;
+        write_state(draft.path(), &RunState { finished, seed: config.seed, ..full.state.clone() })?;
         draft.publish()?;
     }
     let folder = RunFolder::open(place)?;
     let earlier = RunConfig::read(&folder.path("config.toml"), &[])?;
-    changed.expect_same(&earlier, place)?;
-    Ok(Run::new(folder, &changed, machine))
+    config.expect_same(&earlier, place)?;
+    Ok(Run::new(folder, config, machine))
 }
 
 /// What a new run takes over: recordings, split, fitted rules, and the files of stages that are not done anew.

@@ -5,9 +5,14 @@ use std::fs;
 use std::path::Path;
 
 use crate::error::{Context as _, Error, Result, bail};
-use gnp_neural_baselines::{NeuralBaseline, NeuralBaselineError, Recipe, TrainedBaseline, Training, WithFuture};
+use gnp_neural_baselines::{
+    ColumnNetwork, ColumnRecipe, NeuralBaseline, NeuralBaselineError, Recipe, TrainedBaseline, Training, WithFuture,
+};
+use gnp_train::{BatchReport, Observer, TrainError};
 
+use crate::evaluation::rules;
 use crate::evaluation::systems::System;
+use crate::progress::Work;
 use crate::stages::Watch;
 use crate::tables::Fold;
 
@@ -16,7 +21,18 @@ const EMBEDDED: &str = include_str!("../../configs/neural-baselines.toml");
 
 /// How neural baselines are trained, by baseline.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Recipes(BTreeMap<String, Recipe>);
+pub struct Recipes {
+    column: Option<ColumnRecipe>,
+    published: BTreeMap<String, Recipe>,
+}
+
+/// A file of recipes.
+#[derive(serde::Deserialize)]
+struct Tables {
+    column_network: Option<ColumnRecipe>,
+    #[serde(flatten)]
+    published: BTreeMap<String, Recipe>,
+}
 
 impl Recipes {
     /// Those that come with the project.
@@ -37,22 +53,32 @@ impl Recipes {
     }
 
     fn parse(text: &str) -> Result<Self> {
-        let recipes: BTreeMap<String, Recipe> =
+        let Tables { column_network: column, published } =
             toml::from_str(text).map_err(|error| Error::Config(error.to_string().trim_end().to_owned()))?;
-        for (stem, recipe) in &recipes {
+        if let Some(recipe) = &column {
+            recipe.check().with_context(|| format!("[{}]", ColumnNetwork::STEM))?;
+        }
+        for (stem, recipe) in &published {
             if !NeuralBaseline::ALL.iter().any(|kind| kind.stem() == stem) {
-                let known: Vec<&str> = NeuralBaseline::ALL.iter().map(|kind| kind.stem()).collect();
+                let stems = NeuralBaseline::ALL.iter().map(|kind| kind.stem());
+                let known: Vec<&str> = std::iter::once(ColumnNetwork::STEM).chain(stems).collect();
                 bail!(Config, "[{stem}]: no such baseline; there are {}", known.join(", "));
             }
             recipe.check().with_context(|| format!("[{stem}]"))?;
         }
-        Ok(Self(recipes))
+        Ok(Self { column, published })
     }
 
     /// The recipe of a baseline.
     #[must_use]
     pub fn get(&self, kind: NeuralBaseline) -> Option<&Recipe> {
-        self.0.get(kind.stem())
+        self.published.get(kind.stem())
+    }
+
+    /// The recipe of the column network.
+    #[must_use]
+    pub fn column(&self) -> Option<&ColumnRecipe> {
+        self.column.as_ref()
     }
 }
 
@@ -71,6 +97,41 @@ pub(crate) fn system(kind: NeuralBaseline, recipe: &Recipe, fold: &Fold<'_>, fol
         Err(error) => Err(error).with_context(|| format!("{} failed", kind.name())),
         Ok(learned) if kind.uses_future() => Ok(System::oracle(kind.name(), OracleBaseline(learned))),
         Ok(learned) => Ok(System::predictor(kind.name(), learned)),
+    }
+}
+
+/// The column network, trained in `folder` unless it was before.
+///
+/// # Errors
+/// As [`system`].
+pub(crate) fn column(recipe: &ColumnRecipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
+    let Fold { run, set, split, .. } = fold;
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let recipe = ColumnRecipe { seed: recipe.seed.wrapping_add(run.config.seed), ..recipe.clone() };
+    let data = Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash() };
+    let machine = &run.machine;
+    let batches = split.train().len().div_ceil(recipe.batch.max(1));
+    let total = (2 * recipe.networks * recipe.epochs * batches) as u64;
+    let steps = Steps { work: machine.progress.start(ColumnNetwork::NAME, 0, total, "batches"), done: 0 };
+    let platoon = rules::platoon(run)?;
+    match ColumnNetwork::train(&recipe, &platoon, &data, folder, &machine.device, steps, machine.stop.flag()) {
+        Err(NeuralBaselineError::Interrupted { .. }) => Err(Error::Stopped { kept: None }),
+        Err(error) => Err(error).with_context(|| format!("{} failed", ColumnNetwork::NAME)),
+        Ok(network) => Ok(System::predictor(ColumnNetwork::NAME, network)),
+    }
+}
+
+/// Shows how many steps are done of several short trainings.
+struct Steps {
+    work: Box<dyn Work>,
+    done: u64,
+}
+
+impl Observer for Steps {
+    fn on_batch(&mut self, report: &BatchReport) -> Result<(), TrainError> {
+        self.done += 1;
+        self.work.at(self.done, &format!("loss {:.4}", report.loss));
+        Ok(())
     }
 }
 
@@ -101,7 +162,8 @@ mod tests {
 
     #[test]
     fn the_recipes_that_come_with_the_project_can_be_used() {
-        assert!(!Recipes::embedded().unwrap().0.is_empty());
+        let recipes = Recipes::embedded().unwrap();
+        assert!(!recipes.published.is_empty() && recipes.column().is_some());
         for line in EMBEDDED.lines().filter(|line| line.contains(" = ")) {
             assert!(line.starts_with('#') || line.contains(" # "), "no comment: {line}");
         }
@@ -112,7 +174,9 @@ mod tests {
         let message = |text: &str| Recipes::parse(text).unwrap_err().chain();
         let text = EMBEDDED;
         assert!(message(&text.replacen("[cs_lstm]", "[cslstm]", 1)).contains("[cslstm]"));
-        assert!(message(&text.replacen("decay =", "decoy =", 1)).contains("decoy"));
+        assert!(message(&text.replacen("\ndecay =", "\ndecoy =", 1)).contains("decoy"));
+        assert!(message(&text.replacen("hidden =", "hide =", 1)).contains("hide"));
+        assert!(message(&text.replacen("networks = 5", "networks = 0", 1)).contains("[column_network]"));
         assert!(message(&text.replacen("unit_m = 5.0", "unit_m = 0.0", 1)).contains("unit_m"));
     }
 }
