@@ -8,13 +8,12 @@ use std::sync::Arc;
 
 use gnp_data::{Forecast, Mode, Observation, PredictError, Predictor, WindowShape};
 use gnp_force::{
-    CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, TermDescriptor,
-    following_acceleration,
+    CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, TermDescriptor, following_acceleration,
 };
 use serde::{Deserialize, Serialize};
 
-pub use self::traffic::{DEPTH, SeenVehicle, Traffic};
 use self::traffic::Spans;
+pub use self::traffic::{DEPTH, SeenVehicle, Traffic};
 use crate::motion::{BaselineError, periods, velocity};
 use crate::rule::{Rule, parameters, parsed};
 
@@ -123,13 +122,10 @@ impl Drivers {
         ];
         match all.into_iter().find(|(_, value, _)| !(value.is_finite() && *value > 0.)) {
             Some((key, value, default)) => Err(BaselineError::Parameter { key, value, default }),
-            None => [
-                ("own_gap", self.own_gap, typical.own_gap),
-                ("slow_habit", self.slow_habit, typical.slow_habit),
-            ]
-            .into_iter()
-            .find(|(_, share, _)| !(0. ..=1.).contains(share))
-            .map_or(Ok(()), |(key, value, default)| Err(BaselineError::Parameter { key, value, default })),
+            None => [("own_gap", self.own_gap, typical.own_gap), ("slow_habit", self.slow_habit, typical.slow_habit)]
+                .into_iter()
+                .find(|(_, share, _)| !(0. ..=1.).contains(share))
+                .map_or(Ok(()), |(key, value, default)| Err(BaselineError::Parameter { key, value, default })),
         }
     }
 }

@@ -225,8 +225,7 @@ mod tests {
         assert_eq!(term.totals(), [[1.5, 1.], [3., 4.]]);
         assert_eq!((term.forces(1), term.parameter(0, 1)), (&[[3., 0.], [0., 4.]][..], &[3., 4.][..]));
         assert!(term.forces(2).is_empty() && term.parameter(1, 0).is_empty() && term.total(2) == [0., 0.]);
-        let explanation =
-            Explanation { goal: [9., 9.], terms: vec![term.clone(), term], ..Explanation::default() };
+        let explanation = Explanation { goal: [9., 9.], terms: vec![term.clone(), term], ..Explanation::default() };
         assert_eq!((explanation.steps(), explanation.total(0)), (2, [3., 2.]));
         assert!(explanation.term("push").is_some() && explanation.term("pull").is_none());
     }
@@ -237,7 +236,10 @@ mod tests {
         let leader = Cause::Leader { vehicle: 7, place: 1 };
         let explanation = Explanation {
             velocity: [10., 1.],
-            contributions: vec![part(leader, &[[-1., 0.], [-3., 0.]]), part(Cause::Intention, &[[0., 0.5], [1., 0.25]])],
+            contributions: vec![
+                part(leader, &[[-1., 0.], [-3., 0.]]),
+                part(Cause::Intention, &[[0., 0.5], [1., 0.25]]),
+            ],
             ..Explanation::default()
         };
         assert_eq!(explanation.path(0.5), [[4., 1.], [8., 1.25]]);

@@ -2,7 +2,11 @@
 //!
 //! Windows of one vehicle overlap and share a driver, so they are far from independent: resampling
 //! windows would give intervals several times too narrow. Vehicles are drawn with replacement, each
-//! with all its windows.
+//! with all its windows. Of a system that was trained with several seeds these are drawn with
+//! replacement as well, so that the interval is of drivers *and* trainings. Of n seeds that gives
+//! (n - 1) / n of the variance between trainings: three seeds show four fifths of their spread.
+
+use std::collections::BTreeMap;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::EvalError;
 use crate::metric::{Direction, MetricKind};
-use crate::sums::{MetricSums, Pool};
+use crate::sums::{Cell, Members, Pool};
 
 /// How many resamples, and the seed. Resample `i` is the same for every metric and model scored on
 /// the same vehicles, and on any number of threads.
@@ -71,22 +75,33 @@ impl Bootstrap {
     #[must_use]
     pub fn share(&self, counts: &[[u64; 2]]) -> Option<Interval> {
         let counting = counts.iter().filter(|[_, trials]| *trials > 0).count();
-        let shares = self.resample(counts.len(), |times| {
-            let sum =
-                |part: usize| counts.iter().zip(times).map(|(count, times)| count[part] as f64 * times).sum::<f64>();
-            let (hits, trials) = (sum(0), sum(1));
-            (trials > 0.).then(|| hits / trials)
-        });
-        (counting > 1).then(|| middle(shares.into_iter().flatten().collect())).flatten()
+        let interval = || {
+            self.interval(counts.len(), |times| {
+                let sum = |part: usize| {
+                    counts.iter().zip(times).map(|(count, times)| count[part] as f64 * times).sum::<f64>()
+                };
+                let (hits, trials) = (sum(0), sum(1));
+                (trials > 0.).then(|| hits / trials)
+            })
+        };
+        (counting > 1).then(interval).flatten()
+    }
+
+    /// Interval of any number that is worked out from vehicles: `of` is told how often each was drawn,
+    /// and gives nothing for a draw that has no such number. `None` with fewer than two vehicles.
+    #[must_use]
+    pub fn interval(&self, vehicles: usize, of: impl Fn(&[f64]) -> Option<f64> + Sync) -> Option<Interval> {
+        let values = || self.resample(vehicles, [1], |times, _| of(times)).into_iter().flatten().collect();
+        (vehicles > 1).then(|| middle(values())).flatten()
     }
 
     /// An interval for each metric; `None` with fewer than two contributing vehicles.
-    pub(crate) fn intervals(&self, sums: &MetricSums, kinds: &[MetricKind]) -> Vec<Option<Interval>> {
-        let values = self.resample(sums.vehicles().len(), |times| {
+    pub(crate) fn intervals(&self, sums: &Members, kinds: &[MetricKind]) -> Vec<Option<Interval>> {
+        let values = self.resample(sums.vehicles().len(), [sums.seeds()], |times, [seeds]| {
             let mut pools = vec![Pool::default(); kinds.len()];
-            for (row, times) in sums.rows().zip(times).filter(|(_, times)| **times > 0.) {
+            for (row, times) in drawn(sums, times, seeds) {
                 for ((pool, cell), kind) in pools.iter_mut().zip(row).zip(kinds) {
-                    pool.add(cell, *times, *kind);
+                    pool.add(cell, times, *kind);
                 }
             }
             pools.iter().zip(kinds).map(|(pool, kind)| pool.value(*kind)).collect::<Vec<_>>()
@@ -99,23 +114,18 @@ impl Bootstrap {
     }
 
     /// The difference of the metric at `index` between two models; both sums must be of the same
-    /// vehicles. `None` where no window contributed.
-    pub(crate) fn difference(
-        &self,
-        a: &MetricSums,
-        b: &MetricSums,
-        index: usize,
-        kind: MetricKind,
-    ) -> Option<Difference> {
+    /// vehicles. Where both have as many seeds, the same are drawn for both. `None` where no window
+    /// contributed.
+    pub(crate) fn difference(&self, a: &Members, b: &Members, index: usize, kind: MetricKind) -> Option<Difference> {
         let value = a.value(index, kind)? - b.value(index, kind)?;
         let resampled: Vec<f64> = self
-            .resample(a.vehicles().len(), |times| {
-                let mut pools = [Pool::default(); 2];
-                for ((row_a, row_b), times) in a.rows().zip(b.rows()).zip(times) {
-                    pools[0].add(&row_a[index], *times, kind);
-                    pools[1].add(&row_b[index], *times, kind);
-                }
-                Some(pools[0].value(kind)? - pools[1].value(kind)?)
+            .resample(a.vehicles().len(), [a.seeds(), b.seeds()], |times, [seeds_a, seeds_b]| {
+                let of = |sums: &Members, seeds: &[f64]| {
+                    let mut pool = Pool::default();
+                    drawn(sums, times, seeds).for_each(|(row, times)| pool.add(&row[index], times, kind));
+                    pool.value(kind)
+                };
+                Some(of(a, seeds_a)? - of(b, seeds_b)?)
             })
             .into_iter()
             .flatten()
@@ -129,19 +139,43 @@ impl Bootstrap {
         Some(Difference { value, interval, share_better })
     }
 
-    /// `of` each resample, in order: it is given how often each vehicle was drawn.
-    fn resample<T: Send>(&self, vehicles: usize, of: impl Fn(&[f64]) -> T + Sync) -> Vec<T> {
+    /// `of` each resample, in order: it is given how often each vehicle was drawn, and for each system
+    /// of `seeds` seeds how often each of these. One seed is always drawn; systems with as many seeds
+    /// share a draw.
+    fn resample<T: Send, const N: usize>(
+        &self,
+        vehicles: usize,
+        seeds: [usize; N],
+        of: impl Fn(&[f64], [&[f64]; N]) -> T + Sync,
+    ) -> Vec<T> {
         let draw = |resample: usize| {
             let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
             rng.set_stream(resample as u64);
-            let mut times = vec![0.; vehicles];
-            for _ in 0..vehicles {
-                times[rng.random_range(0..vehicles as u32) as usize] += 1.;
+            let mut draw = |count: usize| {
+                let mut times = vec![0.; count];
+                for _ in 0..count {
+                    times[rng.random_range(0..count as u32) as usize] += 1.;
+                }
+                times
+            };
+            let times = draw(vehicles);
+            let mut of_seeds: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+            for count in seeds {
+                of_seeds.entry(count).or_insert_with(|| draw(count));
             }
-            of(&times)
+            of(&times, seeds.map(|count| of_seeds.get(&count).map_or(&[][..], Vec::as_slice)))
         };
         (0..self.resamples).into_par_iter().map(draw).collect()
     }
+}
+
+/// The rows of vehicles and seeds that were drawn, each with how often.
+fn drawn<'a>(sums: &'a Members, times: &'a [f64], seeds: &'a [f64]) -> impl Iterator<Item = (&'a [Cell], f64)> {
+    let seeds = sums.each().zip(seeds).filter(|(_, seed)| **seed > 0.);
+    seeds.flat_map(move |(member, seed)| {
+        let rows = member.rows().zip(times).filter(|(_, times)| **times > 0.);
+        rows.map(move |(row, times)| (row, times * seed))
+    })
 }
 
 /// The middle 95 %, with linear interpolation between order statistics; `None` of nothing.
@@ -167,14 +201,14 @@ mod tests {
 
     /// `vehicles` vehicles with `windows` windows each; every window of vehicle `i` contributes
     /// `of(i)`.
-    fn sums(vehicles: u32, windows: usize, of: impl Fn(u32) -> f64) -> MetricSums {
+    fn sums(vehicles: u32, windows: usize, of: impl Fn(u32) -> f64) -> Members {
         let mut gatherer = Gatherer::new(1);
         for vehicle in 0..vehicles {
             for _ in 0..windows {
                 gatherer.add("r", vehicle, &[Some(of(vehicle))]);
             }
         }
-        gatherer.finish()
+        Members::one(gatherer.finish())
     }
 
     /// Standard normal numbers (Box and Muller), seeded by vehicle.
@@ -271,6 +305,50 @@ mod tests {
         assert_eq!(difference.value, 0.);
         assert!(!difference.is_clear());
         assert_eq!(difference.share_better, 0.);
+    }
+
+    fn seeded(members: impl IntoIterator<Item = Members>) -> Members {
+        members.into_iter().reduce(|all, more| all.with(more).unwrap()).unwrap()
+    }
+
+    fn near(a: Interval, b: Interval, within: f64) -> bool {
+        (a.low - b.low).abs() < within && (a.high - b.high).abs() < within
+    }
+
+    /// A seed that is repeated says nothing new.
+    #[test]
+    fn identical_seeds_give_what_one_gives() {
+        let one = sums(60, 2, |vehicle| normal(3, vehicle).powi(2));
+        let three = seeded([one.clone(), one.clone(), one.clone()]);
+        let of = |sums| bootstrap().intervals(sums, &[MetricKind::RmseAt])[0].unwrap();
+        assert!(near(of(&one), of(&three), 1e-12), "{:?} {:?}", of(&one), of(&three));
+        assert!(
+            (one.value(0, MetricKind::RmseAt).unwrap() - three.value(0, MetricKind::RmseAt).unwrap()).abs() < 1e-12
+        );
+        let other = sums(60, 2, |vehicle| 1. + normal(4, vehicle).powi(2));
+        let difference = |a| bootstrap().difference(a, &other, 0, MetricKind::RmseAt).unwrap();
+        let (alone, thrice) = (difference(&one), difference(&three));
+        assert!((alone.value - thrice.value).abs() < 1e-12 && alone.share_better == thrice.share_better);
+        assert!(near(alone.interval.unwrap(), thrice.interval.unwrap(), 1e-12));
+    }
+
+    /// All vehicles alike, three seeds at 1, 2 and 3: only the draw of seeds moves the mean. Of its 27 draws one gives
+    /// 1, three give 4/3: the middle 95 % reaches from 1 to 3.
+    #[test]
+    fn seeds_that_differ_widen_the_interval() {
+        let at = |value: f64| sums(50, 1, move |_| value);
+        let three = seeded([at(1.), at(2.), at(3.)]);
+        assert!((three.value(0, MetricKind::Ade).unwrap() - 2.).abs() < 1e-12);
+        let found = bootstrap().intervals(&three, &[MetricKind::Ade])[0].unwrap();
+        assert!((found.low - 1.).abs() < 1e-12 && (found.high - 3.).abs() < 1e-12, "{found:?}");
+        let alone = bootstrap().intervals(&at(2.), &[MetricKind::Ade])[0].unwrap();
+        assert!((alone.high - alone.low).abs() < 1e-12);
+        // Seeds move the difference to another model, and not that to the model itself.
+        let difference = bootstrap().difference(&three, &at(2.5), 0, MetricKind::Ade).unwrap();
+        assert!((difference.value + 0.5).abs() < 1e-12 && !difference.is_clear(), "{difference:?}");
+        assert!((0.8..0.9).contains(&difference.share_better), "23 of 27 draws: {}", difference.share_better);
+        let paired = bootstrap().difference(&three, &three, 0, MetricKind::Ade).unwrap();
+        assert_eq!(paired.interval, Some(Interval { low: 0., high: 0. }), "the same seeds are drawn for both");
     }
 
     #[test]

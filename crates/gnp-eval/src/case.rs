@@ -15,6 +15,12 @@ pub struct Reference {
     speed: f64,
     size: [f32; 2],
     edges: Option<[f32; 2]>,
+    /// Lateral positions of all lines, from right to left.
+    lines: Vec<f32>,
+    /// Lateral position of the target in the observed frames, 0 in the last.
+    past_y: Vec<f32>,
+    /// Lane numbers in the last observed and in each predicted frame; 0 where unknown.
+    lanes: Vec<i16>,
     others: Vec<Vec<Footprint>>,
 }
 
@@ -25,26 +31,31 @@ impl Reference {
         let (seen, truth) = (window.observation(), window.truth());
         let t_pred = seen.shape().t_pred;
         let now = seen.target(seen.shape().t_obs.saturating_sub(1));
-        let lateral = || seen.lines().map(|line| line.y);
-        let (right, left) = (lateral().fold(f32::INFINITY, f32::min), lateral().fold(f32::NEG_INFINITY, f32::max));
+        let mut lines: Vec<f32> = seen.lines().map(|line| line.y).collect();
+        lines.sort_by(f32::total_cmp);
+        let edges = lines.first().zip(lines.last()).map(|(right, left)| [*right, *left]);
         let footprints = |j| truth.others(j).map(|(state, size)| Footprint::along_road([state.x, state.y], size));
         Self {
             path: (0..t_pred).map(|j| truth.target(j)).map(|state| [state.x, state.y]).collect(),
             rate_hz: seen.shape().rate_hz,
             speed: f64::from(now.vx).hypot(f64::from(now.vy)),
             size: seen.size(),
-            edges: (right < left).then_some([right, left]),
+            edges: edges.filter(|[right, left]| right < left),
+            lines,
+            past_y: (0..seen.shape().t_obs).map(|i| seen.target(i).y).collect(),
+            lanes: std::iter::once(seen.lane()).chain((0..t_pred).map(|j| truth.lane(j))).collect(),
             others: (0..t_pred).map(|j| footprints(j).collect()).collect(),
         }
     }
 
-    /// A bare path on an empty plane: no edges, no other vehicle; the present speed is that of the
+    /// A bare path on an empty plane: no lines, no other vehicle; the present speed is that of the
     /// first step.
     #[must_use]
     pub fn from_path(path: Vec<[f32; 2]>, rate_hz: f64) -> Self {
         let others = vec![Vec::new(); path.len()];
         let speed = path.first().map_or(0., |p| f64::from(p[0]).hypot(f64::from(p[1])) * rate_hz);
-        Self { path, rate_hz, speed, size: [0.; 2], edges: None, others }
+        let lanes = vec![0; path.len() + 1];
+        Self { path, rate_hz, speed, size: [0.; 2], edges: None, lines: Vec::new(), past_y: vec![0.], lanes, others }
     }
 
     /// Centre of the target in each predicted frame, m.
@@ -76,6 +87,24 @@ impl Reference {
     #[must_use]
     pub(crate) fn edges(&self) -> Option<[f32; 2]> {
         self.edges
+    }
+
+    /// Lateral positions of the lines, from right to left, m.
+    #[must_use]
+    pub(crate) fn lines(&self) -> &[f32] {
+        &self.lines
+    }
+
+    /// Lateral position of the target in the observed frames, m; 0 in the last.
+    #[must_use]
+    pub(crate) fn past_y(&self) -> &[f32] {
+        &self.past_y
+    }
+
+    /// Lane numbers now and after `frames` predicted frames; 0 where unknown.
+    #[must_use]
+    pub(crate) fn lanes(&self, frames: usize) -> [i16; 2] {
+        [self.lanes[0], self.lanes[frames]]
     }
 
     /// Footprints of the other vehicles in predicted frame `j`.

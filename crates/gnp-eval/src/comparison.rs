@@ -47,7 +47,7 @@ impl Verdict {
     }
 }
 
-/// Two models compared by one metric, vehicles resampled for both together.
+/// Two models compared by one metric, vehicles and seeds resampled for both together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Comparison {
@@ -67,6 +67,9 @@ pub struct Comparison {
     pub a: String,
     /// The second model.
     pub b: String,
+    /// Seeds with which each of the two was trained.
+    #[serde(default = "one_each")]
+    pub seeds: [usize; 2],
     /// The first model's value minus the second's.
     pub value: f64,
     /// Lower end of the 95 % interval of the difference; null with fewer than two vehicles.
@@ -85,6 +88,11 @@ pub struct Comparison {
     pub simulated: bool,
     /// Whether one of the two is handed recorded futures.
     pub uses_future: bool,
+}
+
+/// Seeds in files written before a system could have several.
+fn one_each() -> [usize; 2] {
+    [1; 2]
 }
 
 impl Evaluation {
@@ -134,6 +142,7 @@ impl Evaluation {
                 horizon_s: metric.horizon_s,
                 a: own.model.clone(),
                 b: other.model.clone(),
+                seeds: [own.seeds(), other.seeds()],
                 value: difference.value,
                 ci_low: difference.interval.map(|interval| interval.low),
                 ci_high: difference.interval.map(|interval| interval.high),

@@ -14,7 +14,7 @@ use crate::manoeuvre::Manoeuvre;
 use crate::metric::Metric;
 use crate::protocol::Protocol;
 use crate::score::{ALL_SITES, Score};
-use crate::sums::{Gatherer, MetricSums};
+use crate::sums::{Gatherer, Members, MetricSums};
 
 /// How to evaluate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -140,9 +140,9 @@ pub(crate) struct Sheet {
     pub(crate) protocol: Protocol,
     pub(crate) uses_future: bool,
     /// By site, [`ALL_SITES`] among them.
-    pub(crate) sums: BTreeMap<String, MetricSums>,
+    pub(crate) sums: BTreeMap<String, Members>,
     /// Of all sites by manoeuvre; empty where the protocol has none.
-    manoeuvres: BTreeMap<Manoeuvre, MetricSums>,
+    manoeuvres: BTreeMap<Manoeuvre, Members>,
 }
 
 /// Scores every model on the windows `ids` of `set` under every protocol of `config`.
@@ -223,8 +223,15 @@ impl Sheet {
             gathered.sites.into_iter().map(|(site, gatherer)| (site.to_owned(), gatherer.finish())).collect();
         let all = MetricSums::concatenated(sums.values());
         sums.insert(ALL_SITES.to_owned(), all);
-        let manoeuvres = gathered.manoeuvres.into_iter().map(|(key, gatherer)| (key, gatherer.finish())).collect();
-        Self { model: model.name().to_owned(), protocol, uses_future: model.uses_future(), sums, manoeuvres }
+        let sums = sums.into_iter().map(|(site, sums)| (site, Members::one(sums))).collect();
+        let finished = gathered.manoeuvres.into_iter().map(|(key, gatherer)| (key, Members::one(gatherer.finish())));
+        let (model, uses_future) = (model.name().to_owned(), model.uses_future());
+        Self { model, protocol, uses_future, sums, manoeuvres: finished.collect() }
+    }
+
+    /// Seeds of the model.
+    pub(crate) fn seeds(&self) -> usize {
+        self.sums.get(ALL_SITES).map_or(1, Members::seeds)
     }
 }
 
@@ -249,11 +256,37 @@ impl Evaluation {
         Ok(self)
     }
 
+    /// This evaluation and another of some of its models, trained with another seed, on the same
+    /// windows: what a window adds to a metric of such a model is the mean over its seeds, and intervals
+    /// draw seeds as well as vehicles.
+    ///
+    /// # Errors
+    /// When the windows differ, or a model was not scored here under a protocol.
+    pub fn with_seed(mut self, other: Self) -> Result<Self, EvalError> {
+        let windows = EvalError::OtherWindows { first: self.setting.windows, second: other.setting.windows };
+        if self.setting != other.setting {
+            return Err(windows);
+        }
+        for more in other.sheets {
+            let key = |sheet: &Sheet| (sheet.model == more.model) && sheet.protocol == more.protocol;
+            let Some(own) = self.sheets.iter_mut().find(|sheet| key(sheet)) else {
+                let scored: BTreeSet<&str> = self.sheets.iter().map(|sheet| sheet.model.as_str()).collect();
+                let scored = scored.into_iter().collect::<Vec<_>>().join(", ");
+                return Err(EvalError::NotScored { model: more.model, scored });
+            };
+            let sums = seeded(std::mem::take(&mut own.sums), more.sums);
+            let manoeuvres = seeded(std::mem::take(&mut own.manoeuvres), more.manoeuvres);
+            let (Some(sums), Some(manoeuvres)) = (sums, manoeuvres) else { return Err(windows) };
+            (own.sums, own.manoeuvres) = (sums, manoeuvres);
+        }
+        Ok(self)
+    }
+
     /// This evaluation and another of the same models on other windows, as one: the folds of a
     /// cross-validation, in which a model is trained anew for each.
     ///
     /// # Errors
-    /// When models, protocols, kind of data or rate differ.
+    /// When models, their seeds, protocols, kind of data or rate differ.
     pub fn pooled(mut self, other: Self) -> Result<Self, EvalError> {
         let refuse = |what| EvalError::NotPooled { what };
         let (own, more) = (&mut self.setting, other.setting);
@@ -265,9 +298,9 @@ impl Evaluation {
         if self.metrics != other.metrics {
             return Err(refuse("protocols"));
         }
-        let key = |sheet: &Sheet| (sheet.model.clone(), sheet.protocol, sheet.uses_future);
+        let key = |sheet: &Sheet| (sheet.model.clone(), sheet.protocol, sheet.uses_future, sheet.seeds());
         if self.sheets.iter().map(key).ne(other.sheets.iter().map(key)) {
-            return Err(refuse("models"));
+            return Err(refuse("models or their seeds"));
         }
         for (own, more) in self.sheets.iter_mut().zip(other.sheets) {
             merge(&mut own.sums, more.sums);
@@ -304,7 +337,7 @@ impl Evaluation {
         &self,
         sheet: &Sheet,
         (site, manoeuvre): (&str, Option<Manoeuvre>),
-        sums: &MetricSums,
+        sums: &Members,
         bootstrap: &Bootstrap,
         scores: &mut Vec<Score>,
     ) {
@@ -319,6 +352,7 @@ impl Evaluation {
                 site: site.to_owned(),
                 manoeuvre,
                 model: sheet.model.clone(),
+                seeds: sums.seeds(),
                 protocol: sheet.protocol,
                 metric: metric.kind.name().to_owned(),
                 k: metric.k,
@@ -334,7 +368,8 @@ impl Evaluation {
         }
     }
 
-    /// How much `a` differs from `b` on a site, vehicles resampled for both together: is one better?
+    /// How much `a` differs from `b` on a site, vehicles (and seeds) resampled for both together: is one
+    /// better?
     ///
     /// # Errors
     /// When one of them, the metric or the site was not scored under the protocol, or the metric
@@ -363,8 +398,7 @@ impl Evaluation {
         let (Some(sums_a), Some(sums_b)) = (sums(a), sums(b)) else {
             return Err(unpaired("one of the models or the site was not scored"));
         };
-        let windows = |sums: &MetricSums| sums.rows().map(|row| row[index].windows).collect::<Vec<_>>();
-        if sums_a.vehicles() != sums_b.vehicles() || windows(sums_a) != windows(sums_b) {
+        if sums_a.vehicles() != sums_b.vehicles() || sums_a.windows(index).ne(sums_b.windows(index)) {
             return Err(unpaired("they were not scored on the same windows"));
         }
         bootstrap
@@ -373,7 +407,19 @@ impl Evaluation {
     }
 }
 
-fn merge<K: Ord>(own: &mut BTreeMap<K, MetricSums>, more: BTreeMap<K, MetricSums>) {
+/// Sums with those of another seed; `None` where they are not of the same windows.
+fn seeded<K: Ord>(own: BTreeMap<K, Members>, mut more: BTreeMap<K, Members>) -> Option<BTreeMap<K, Members>> {
+    let all: Option<BTreeMap<K, Members>> = own
+        .into_iter()
+        .map(|(key, sums)| {
+            let more = more.remove(&key)?;
+            Some((key, sums.with(more)?))
+        })
+        .collect();
+    all.filter(|_| more.is_empty())
+}
+
+fn merge<K: Ord>(own: &mut BTreeMap<K, Members>, more: BTreeMap<K, Members>) {
     for (key, sums) in more {
         match own.entry(key) {
             Entry::Vacant(place) => drop(place.insert(sums)),

@@ -31,7 +31,7 @@ pub use crate::comparison::{Comparison, Verdict, load_comparisons, save_comparis
 pub use crate::error::{EvalError, ForecastProblem, PredictionProblem};
 pub use crate::evaluate::{Batch, EvalConfig, EvaluatedModel, Evaluation, Setting, evaluate};
 pub use crate::manoeuvre::{BARE_CHANGE_M, BRAKE_MPS2, CHANGE_M, Manoeuvre};
-pub use crate::metric::{Direction, MISS_M, Metric, MetricKind, Unit};
+pub use crate::metric::{BEGUN_M, BEGUN_S, Direction, MISS_M, Metric, MetricKind, Unit};
 pub use crate::predictions::{
     ColumnInfo, Coverage, Detail, Prediction, PredictionWriter, Predictions, Provenance, prediction_columns,
     read_predictions,

@@ -71,7 +71,7 @@ impl Manoeuvre {
 
 /// Keep, left or right, from the lanes now and at the end (0 where unknown) and the motion to the
 /// left, m.
-fn sideways([now, end]: [i16; 2], left_m: f32) -> Manoeuvre {
+pub(crate) fn sideways([now, end]: [i16; 2], left_m: f32) -> Manoeuvre {
     let least = match (now, end) {
         (0, _) | (_, 0) => BARE_CHANGE_M,
         (now, end) if now == end => return Manoeuvre::Keep,

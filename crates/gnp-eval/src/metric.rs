@@ -6,15 +6,18 @@
 //! scored on those it has.
 
 mod displacement;
+mod lane_change;
 mod overlap;
 mod sampled;
 
 use std::fmt;
 
+pub use crate::metric::lane_change::{BEGUN_M, BEGUN_S};
 pub(crate) use crate::metric::overlap::Footprint;
 
 use crate::case::ScoredWindow;
 use crate::error::EvalError;
+use crate::metric::lane_change::Beginning;
 
 /// Beyond this error at the horizon a forecast has missed, m (Argoverse 2).
 pub const MISS_M: f64 = 2.;
@@ -61,6 +64,14 @@ pub enum MetricKind {
     /// that of another vehicle in any frame up to `h`: measured positions and sizes are not exact.
     /// The floor under [`MetricKind::Overlap`], the same for every model.
     RecordedOverlap,
+    /// Share of the lane changes that begin within the first second in which one of k modes ends, at
+    /// `h`, in the lane in which the recorded vehicle ends. A lane change begins at the last moment at
+    /// which the centre is less than [`BEGUN_M`] from where it was when last observed, so that it
+    /// stays away from then on; one under way by then does not count here.
+    LaneChangeRecall,
+    /// As [`MetricKind::LaneChangeRecall`], of the lane changes under way: those that had taken the
+    /// centre [`BEGUN_M`] or more to the side within the last observed second.
+    LaneChangeRecallUnderWay,
     /// Least ADE among k modes over points 0.5 s apart up to `h` (nuScenes, Waymo).
     SampledMinAde,
     /// Share of windows in which each of k modes is [`MISS_M`] off or more at some point, of points
@@ -113,6 +124,8 @@ impl MetricKind {
             Self::OffRoad => "off_road",
             Self::Overlap => "overlap",
             Self::RecordedOverlap => "recorded_overlap",
+            Self::LaneChangeRecall => "lane_change_recall",
+            Self::LaneChangeRecallUnderWay => "lane_change_recall_under_way",
             Self::SampledMinAde => "min_ade_2hz",
             Self::AnyPointMissRate => "miss_rate_any_point",
             Self::BoxMissRate => "miss_rate_box",
@@ -127,6 +140,8 @@ impl MetricKind {
             | Self::OffRoad
             | Self::Overlap
             | Self::RecordedOverlap
+            | Self::LaneChangeRecall
+            | Self::LaneChangeRecallUnderWay
             | Self::AnyPointMissRate
             | Self::BoxMissRate => Unit::Share,
             Self::BrierMinFde => Unit::Mixed,
@@ -137,7 +152,16 @@ impl MetricKind {
     /// Which way is better.
     #[must_use]
     pub fn direction(self) -> Direction {
-        Direction::Lower
+        match self {
+            Self::LaneChangeRecall | Self::LaneChangeRecallUnderWay => Direction::Higher,
+            _ => Direction::Lower,
+        }
+    }
+
+    /// Whether it applies to every window, and so counts as many as there are.
+    #[must_use]
+    pub(crate) fn is_of_all_windows(name: &str) -> bool {
+        ![Self::OffRoad, Self::LaneChangeRecall, Self::LaneChangeRecallUnderWay].iter().any(|kind| kind.name() == name)
     }
 
     /// Whether windows are first averaged within each vehicle.
@@ -217,6 +241,8 @@ impl Metric {
             MetricKind::OffRoad => displacement::share_off_road(case, k, frames),
             MetricKind::Overlap => Some(overlap::share(case, k, frames)),
             MetricKind::RecordedOverlap => Some(one_if(overlap::recorded(case, frames))),
+            MetricKind::LaneChangeRecall => lane_change::found(case, k, frames, Beginning::FirstSecond),
+            MetricKind::LaneChangeRecallUnderWay => lane_change::found(case, k, frames, Beginning::Before),
             MetricKind::SampledMinAde => Some(sampled::least_ade(case, k, self.horizon_s)),
             MetricKind::AnyPointMissRate => Some(one_if(sampled::every_mode_leaves(case, k, self.horizon_s))),
             MetricKind::BoxMissRate => Some(one_if(sampled::outside_box(case, k, frames, self.horizon_s))),

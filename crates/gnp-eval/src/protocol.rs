@@ -142,6 +142,9 @@ impl Protocol {
         }
         if self == Self::Clean {
             metrics.push(Metric::of_all(M::RecordedOverlap, last));
+            for kind in [M::LaneChangeRecall, M::LaneChangeRecallUnderWay] {
+                metrics.extend([1, 6].map(|k| Metric::best_of(kind, k, last)));
+            }
         }
         if metrics.is_empty() {
             return Err(EvalError::Horizon { horizon_s: WAYMO_S[0], rate_hz: shape.rate_hz, t_pred: shape.t_pred });

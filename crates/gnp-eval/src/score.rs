@@ -25,6 +25,9 @@ pub struct Score {
     pub manoeuvre: Option<Manoeuvre>,
     /// Name of the model.
     pub model: String,
+    /// Seeds with which it was trained: windows are averaged over them, and the interval draws them.
+    #[serde(default = "one_seed")]
+    pub seeds: usize,
     /// The protocol.
     pub protocol: Protocol,
     /// Name of the metric, such as `rmse_at`.
@@ -47,6 +50,11 @@ pub struct Score {
     pub simulated: bool,
     /// Whether the model is handed recorded futures.
     pub uses_future: bool,
+}
+
+/// Seeds in files written before a system could have several.
+fn one_seed() -> usize {
+    1
 }
 
 /// Writes scores as a JSON array, one a line; the file appears whole or not at all.
@@ -93,6 +101,7 @@ mod tests {
             site: "highd-2".to_owned(),
             manoeuvre: k.map(|_| Manoeuvre::Left),
             model: "gnp".to_owned(),
+            seeds: k.unwrap_or(1),
             protocol: Protocol::Clean,
             metric: "min_fde".to_owned(),
             k,
@@ -116,12 +125,23 @@ mod tests {
         assert_eq!(load_scores(&path).unwrap(), scores);
         let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
         let keys: Vec<&str> = json[1].as_object().unwrap().keys().map(String::as_str).collect();
-        assert_eq!(keys.len(), 15);
+        assert_eq!(keys.len(), 16);
         assert_eq!((&json[0]["manoeuvre"], &json[1]["manoeuvre"]), (&"left".into(), &serde_json::Value::Null));
         assert_eq!(json[0]["dataset"], "highd");
         assert_eq!(json[0]["protocol"], "clean");
         assert!(json[1]["k"].is_null() && json[1]["ci_low"].is_null());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
+    }
+
+    #[test]
+    fn files_without_seeds_are_of_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.json");
+        save_scores(&path, &[score(None, None)]).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text.replace("\"seeds\":1,", "")).unwrap();
+        assert_eq!(load_scores(&path).unwrap(), [score(None, None)]);
+        assert_ne!(std::fs::read_to_string(&path).unwrap(), text);
     }
 
     #[test]

@@ -53,16 +53,6 @@ impl MetricSums {
         })
     }
 
-    /// The metric at `index` over all vehicles; `None` where no window contributed.
-    #[must_use]
-    pub(crate) fn value(&self, index: usize, kind: MetricKind) -> Option<f64> {
-        let mut pool = Pool::default();
-        for row in self.rows() {
-            pool.add(&row[index], 1., kind);
-        }
-        pool.value(kind)
-    }
-
     /// These and the sums of other windows as one; a vehicle with windows in both is one vehicle.
     #[must_use]
     pub(crate) fn merged(&self, other: &Self) -> Self {
@@ -90,6 +80,70 @@ impl MetricSums {
         rows.sort_by(|a, b| a.0.cmp(&b.0));
         let (vehicles, cells): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
         Self { vehicles, cells: cells.concat(), width }
+    }
+}
+
+/// One system's sums on some windows: one [`MetricSums`] for each seed with which it was trained, all of
+/// the same vehicles. What a window adds is the mean over the seeds.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Members(Vec<MetricSums>);
+
+impl Members {
+    /// Of a system with one seed.
+    pub(crate) fn one(sums: MetricSums) -> Self {
+        Self(vec![sums])
+    }
+
+    /// These and those of further seeds; `None` where they are not of the same vehicles.
+    #[must_use]
+    pub(crate) fn with(mut self, more: Self) -> Option<Self> {
+        let same = more.0.iter().all(|sums| sums.vehicles == self.vehicles());
+        self.0.extend(more.0);
+        same.then_some(self)
+    }
+
+    /// Number of seeds.
+    #[must_use]
+    pub(crate) fn seeds(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Sums by seed.
+    pub(crate) fn each(&self) -> impl Iterator<Item = &MetricSums> {
+        self.0.iter()
+    }
+
+    /// The vehicles, in order of recording and number.
+    #[must_use]
+    pub(crate) fn vehicles(&self) -> &[VehicleId] {
+        self.0.first().map_or(&[], MetricSums::vehicles)
+    }
+
+    /// Windows by vehicle that contributed to the metric at `index`.
+    pub(crate) fn windows(&self, index: usize) -> impl Iterator<Item = u32> {
+        self.0.first().into_iter().flat_map(move |sums| sums.rows().map(move |row| row[index].windows))
+    }
+
+    /// Windows and vehicles that contributed to the metric at `index`.
+    #[must_use]
+    pub(crate) fn counts(&self, index: usize) -> (u64, usize) {
+        self.0.first().map_or((0, 0), |sums| sums.counts(index))
+    }
+
+    /// The metric at `index` over all vehicles and seeds; `None` where no window contributed.
+    #[must_use]
+    pub(crate) fn value(&self, index: usize, kind: MetricKind) -> Option<f64> {
+        let mut pool = Pool::default();
+        for row in self.0.iter().flat_map(MetricSums::rows) {
+            pool.add(&row[index], 1., kind);
+        }
+        pool.value(kind)
+    }
+
+    /// These and those of other windows as one, seed by seed; both must have as many.
+    #[must_use]
+    pub(crate) fn merged(&self, other: &Self) -> Self {
+        Self(self.0.iter().zip(&other.0).map(|(own, more)| own.merged(more)).collect())
     }
 }
 
@@ -164,6 +218,12 @@ impl Gatherer {
 mod tests {
     use super::*;
 
+    impl MetricSums {
+        fn value(&self, index: usize, kind: MetricKind) -> Option<f64> {
+            Members::one(self.clone()).value(index, kind)
+        }
+    }
+
     fn two_vehicles() -> MetricSums {
         let mut gatherer = Gatherer::new(2);
         gatherer.add("b", 7, &[Some(1.), None]);
@@ -190,6 +250,24 @@ mod tests {
         let mut none = Gatherer::new(1);
         none.add("a", 1, &[None]);
         assert_eq!(none.finish().value(0, MetricKind::OffRoad), None);
+    }
+
+    /// A window's contribution is the mean over seeds, also below a root.
+    #[test]
+    fn seeds_are_averaged_window_by_window() {
+        let of = |values: [f64; 2]| {
+            let mut gatherer = Gatherer::new(1);
+            gatherer.add("a", 1, &[Some(values[0])]);
+            gatherer.add("a", 2, &[Some(values[1])]);
+            Members::one(gatherer.finish())
+        };
+        let both = of([1., 4.]).with(of([9., 2.])).unwrap();
+        assert_eq!((both.seeds(), both.counts(0)), (2, (2, 2)));
+        assert!((both.value(0, MetricKind::RmseAt).unwrap() - 2.).abs() < 1e-12, "squared errors 5 and 3");
+        assert_eq!(both.clone().with(Members::one(two_vehicles())), None, "other vehicles");
+        let folds = both.merged(&both);
+        assert_eq!((folds.seeds(), folds.counts(0)), (2, (4, 2)));
+        assert_eq!(folds.value(0, MetricKind::RmseAt), both.value(0, MetricKind::RmseAt));
     }
 
     #[test]

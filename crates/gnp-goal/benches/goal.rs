@@ -4,7 +4,9 @@ use std::hint::black_box;
 
 use candle_core::{DType, Device, Tensor};
 use criterion::{Criterion, criterion_group, criterion_main};
-use gnp_goal::{LossWeights, GoalConfig, GoalNet, GoalShape, LabelConfig, LabelDistance, Pick, ProbabilityHead, Regression};
+use gnp_goal::{
+    GoalConfig, GoalNet, GoalShape, LabelConfig, LabelDistance, LossWeights, Pick, ProbabilityHead, Regression,
+};
 use gnp_nn::{Dropout, Weights};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -24,6 +26,7 @@ fn config(probability: ProbabilityHead) -> GoalConfig {
         regression: if decoder { Regression::Residual } else { Regression::Absolute },
         null_token: decoder,
         slot_embedding: decoder,
+        zero_start: false,
     }
 }
 
@@ -66,7 +69,9 @@ impl Case {
         let pick = Pick::Indices(labels.nearest);
         let output =
             self.net.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &pick, Some(dropout))?;
-        Ok(gnp_goal::goal_loss(&output, &self.truth, &labels, LossWeights { alpha: 0.2, mean: 0. })?.total.backward()?)
+        Ok(gnp_goal::goal_loss(&output, &self.truth, &labels, LossWeights { alpha: 0.2, mean: 0. })?
+            .total
+            .backward()?)
     }
 }
 

@@ -29,6 +29,9 @@ pub struct GoalConfig {
     /// Whether each neighbour slot adds its own learned vector, so that the network knows who is
     /// ahead and who is beside. Otherwise the order of the neighbours does not matter.
     pub slot_embedding: bool,
+    /// Whether both heads start at 0: every mode equally likely and its own future, so that what the network says beyond
+    /// that is what it has learned. Off in the paper.
+    pub zero_start: bool,
 }
 
 /// Where modes get their probability.
@@ -122,6 +125,7 @@ mod tests {
             regression: Regression::Absolute,
             null_token: false,
             slot_embedding: false,
+            zero_start: false,
         };
         assert!(good.check().is_ok());
         for (bad, key) in [
@@ -141,7 +145,7 @@ mod tests {
     #[test]
     fn it_reads_back_and_refuses_unknown_keys() {
         let text = r#"{"width": 64, "heads": 4, "layers": 2, "feed_forward": 2, "dropout": 0.125,
-            "probability": "decoder", "regression": "residual", "null_token": true, "slot_embedding": true}"#;
+            "probability": "decoder", "regression": "residual", "null_token": true, "slot_embedding": true, "zero_start": false}"#;
         let config: GoalConfig = serde_json::from_str(text).unwrap();
         assert_eq!(config.probability, ProbabilityHead::Decoder);
         let again = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();

@@ -19,6 +19,7 @@
 //!     regression: Regression::Residual,
 //!     null_token: true,
 //!     slot_embedding: true,
+//!     zero_start: false,
 //! };
 //! let shape = GoalShape { observed: 12, neighbour: 10, slots: 3, t_pred: 5 };
 //! let weights = gnp_nn::Weights::seeded(7, &Device::Cpu);
@@ -41,6 +42,8 @@ mod pick;
 
 pub use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
 pub use crate::error::GoalError;
-pub use crate::loss::{GoalLoss, LabelConfig, LabelDistance, Labels, LossWeights, goal_loss, label_distances, labels, soft_labels};
+pub use crate::loss::{
+    GoalLoss, LabelConfig, LabelDistance, Labels, LossWeights, goal_loss, label_distances, labels, soft_labels,
+};
 pub use crate::net::{GoalNet, GoalOutput, Goals};
 pub use crate::pick::Pick;

@@ -145,7 +145,9 @@ pub fn goal_loss(
     let (_, modes) = output.logits.dims2()?;
     let decoded = if weights.mean > 0. { modes } else { 1 };
     if output.futures.dims() != [batch, decoded, t_pred, 2] {
-        let needed = format!("[{batch}, {decoded}, {t_pred}, 2]: in training, pick the nearest mode alone, or all for their mean");
+        let needed = format!(
+            "[{batch}, {decoded}, {t_pred}, 2]: in training, pick the nearest mode alone, or all for their mean"
+        );
         return Err(GoalError::Shape { name: "futures", found: output.futures.dims().to_vec(), needed });
     }
     let flat = output.futures.flatten_from(2)?;
@@ -233,7 +235,9 @@ mod tests {
         close(grads.get(&futures).unwrap(), &[0.8 * 0.5 / 4., 0., 0.8 / 4., -0.8 / 4.]);
         close(grads.get(&logits).unwrap(), &[0.25 - 0.7, 0.15, 0.15, 0.15].map(|g| 0.2 * g));
         let two = futures.broadcast_as((1, 2, 2, 2)).unwrap();
-        assert!(goal_loss(&output(&two, &logits), &truth, &labels, weights).unwrap_err().to_string().contains("nearest"));
+        assert!(
+            goal_loss(&output(&two, &logits), &truth, &labels, weights).unwrap_err().to_string().contains("nearest")
+        );
     }
     #[test]
     fn the_mean_of_the_modes_is_learned_by_future_and_by_probability() {

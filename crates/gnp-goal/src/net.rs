@@ -60,6 +60,15 @@ impl GoalNet {
         shape.check()?;
         let width = config.width;
         let block = |vb| Block::new(width, config.heads, config.feed_forward, vb);
+        let head = |outputs: usize, name: &str| -> candle_core::Result<Linear> {
+            let vb = vb.pp(name);
+            if config.zero_start {
+                // Asked for first, so that they start from this and not from the layer's own.
+                vb.get_with_hints((outputs, width), "weight", Init::Const(0.))?;
+                vb.get_with_hints(outputs, "bias", Init::Const(0.))?;
+            }
+            linear(width, outputs, vb)
+        };
         let learned = |shape: &[usize], name| {
             let bound = 1. / (width as f64).sqrt();
             vb.get_with_hints(shape, name, Init::Uniform { lo: -bound, up: bound })
@@ -70,8 +79,8 @@ impl GoalNet {
             neighbour: linear(shape.neighbour, width, vb.pp("nei"))?,
             encoder: (0..config.layers).map(|i| block(vb.pp("enc").pp(i))).collect::<Result<_, _>>()?,
             decoder: block(vb.pp("dec"))?,
-            probability: linear(width, 1, vb.pp("prob"))?,
-            goal: linear(width, 2 * shape.t_pred, vb.pp("goal"))?,
+            probability: head(1, "prob")?,
+            goal: head(2 * shape.t_pred, "goal")?,
             null_token: config.null_token.then(|| learned(&[width], "nobody")).transpose()?,
             slot: config.slot_embedding.then(|| learned(&[shape.slots, width], "slot")).transpose()?,
             config: config.clone(),

@@ -3,8 +3,8 @@
 
 use candle_core::{DType, Device, Tensor};
 use gnp_goal::{
-    GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, LabelConfig, LabelDistance, Pick, ProbabilityHead,
-    LossWeights, Regression, goal_loss, labels,
+    GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, LabelConfig, LabelDistance, LossWeights, Pick,
+    ProbabilityHead, Regression, goal_loss, labels,
 };
 use gnp_nn::{Dropout, Weights};
 use rand::{Rng, SeedableRng};
@@ -25,6 +25,7 @@ fn published() -> GoalConfig {
         regression: Regression::Absolute,
         null_token: false,
         slot_embedding: false,
+        zero_start: false,
     }
 }
 
@@ -34,6 +35,7 @@ fn ours() -> GoalConfig {
         regression: Regression::Residual,
         null_token: true,
         slot_embedding: true,
+        zero_start: false,
         ..published()
     }
 }

@@ -47,6 +47,7 @@ fn compare(form: impl Fn(GoalNet) -> GoalNet) {
         regression: Regression::Absolute,
         null_token: false,
         slot_embedding: false,
+        zero_start: false,
     };
     let shape = GoalShape { observed: 24, neighbour: 24, slots: 4, t_pred: 5 };
     let net = form(GoalNet::new(&config, shape, weights.builder()).unwrap());

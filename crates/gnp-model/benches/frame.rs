@@ -16,7 +16,7 @@ use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Observation, Predictor, WindowConfig, WindowSet, discover, read};
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
-    Checkpoint, Component, FeatureConfig, Features, Gnp, Header, NeighbourFuture, ReferencePath, Representation,
+    Checkpoint, Component, FeatureConfig, Features, Gnp, Header, NeighbourFuture, ReferencePath, Representation, SeenNeighbours,
 };
 use gnp_modes::Modes;
 use gnp_nn::Weights;
@@ -50,6 +50,7 @@ fn small() -> Sizes {
             regression: Regression::Residual,
             null_token: true,
             slot_embedding: true,
+            zero_start: false,
             ..published().goal
         },
         traj: TrajConfig {
@@ -82,6 +83,7 @@ fn published() -> Sizes {
             regression: Regression::Absolute,
             null_token: false,
             slot_embedding: false,
+            zero_start: false,
         },
         traj: TrajConfig::published(),
     }
@@ -148,6 +150,7 @@ fn frame(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
             velocity_window_s: 0.5,
             history_block_s: 0.,
             vehicles_ahead: sizes.vehicles_ahead,
+            neighbours: SeenNeighbours::All,
             car_following_features: false,
         };
         let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;

@@ -11,7 +11,7 @@ use candle_core::{DType, Device, Tensor};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet, discover, read};
-use gnp_model::{AugmentedView, FeatureConfig, Features, NeighbourFuture, ReferencePath, Representation};
+use gnp_model::{AugmentedView, FeatureConfig, Features, NeighbourFuture, ReferencePath, Representation, SeenNeighbours};
 
 const BATCH: usize = 64;
 
@@ -59,6 +59,7 @@ fn windows(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
                 velocity_window_s: 0.5,
                 history_block_s: 0.,
                 vehicles_ahead: 1,
+                neighbours: SeenNeighbours::All,
                 car_following_features: false,
             };
             let features = Features::fit(&config, shape, Some(&platoon), seen.iter().map(|seen| *seen.observation()))?;

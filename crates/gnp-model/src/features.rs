@@ -25,6 +25,17 @@ pub enum Representation {
     Deviation,
 }
 
+/// Which vehicles the goal network sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SeenNeighbours {
+    /// Those in all eight slots, as published.
+    All,
+    /// Those ahead alone: who follows or drives beside says little of the next seconds, and from few windows a network
+    /// learns it wrongly.
+    Ahead,
+}
+
 /// How windows become numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -45,6 +56,8 @@ pub struct FeatureConfig {
     /// Vehicles that the goal network sees ahead in the target's lane and in those beside: 1 as published, the eight
     /// neighbours; with 2 also whom those ahead follow, and the leader where only the target's own rows name him.
     pub vehicles_ahead: usize,
+    /// Which vehicles the goal network sees.
+    pub neighbours: SeenNeighbours,
     /// Whether the goal network also gets where the reference path is after 1 to 5 s, or, where that is constant
     /// velocity, where a textbook driver (the Intelligent Driver Model) would be behind the leader; not published.
     pub car_following_features: bool,
@@ -77,17 +90,18 @@ impl FeatureConfig {
 
     /// The other vehicles that the goal network sees: those in the neighbour slots, then those ahead of the ones ahead.
     fn others<'a>(&self, seen: &AugmentedView<'a>) -> Vec<Option<AugmentedNeighbour<'a>>> {
-        let mut others = Slot::ALL.map(|slot| seen.neighbour(slot)).to_vec();
+        let looked_at = |slot: &Slot| self.neighbours == SeenNeighbours::All || AHEAD.contains(slot);
+        let mut others = Slot::ALL.map(|slot| looked_at(&slot).then(|| seen.neighbour(slot)).flatten()).to_vec();
         if self.vehicles_ahead > 1 {
             others[Slot::Preceding.index()] = seen.leader();
-            others.extend(FURTHER.map(|slot| seen.leader_of(slot)));
+            others.extend(AHEAD.map(|slot| seen.leader_of(slot)));
         }
         others
     }
 
     /// Number of [`FeatureConfig::others`].
     fn slots(&self) -> usize {
-        SLOTS + if self.vehicles_ahead > 1 { FURTHER.len() } else { 0 }
+        SLOTS + if self.vehicles_ahead > 1 { AHEAD.len() } else { 0 }
     }
 
     /// Frames of each step of the history, from the earliest; every one ends before the next begins.
@@ -98,8 +112,8 @@ impl FeatureConfig {
     }
 }
 
-/// Vehicles whose leaders are seen, too.
-const FURTHER: [Slot; 3] = [Slot::Preceding, Slot::LeftPreceding, Slot::RightPreceding];
+/// The slots ahead, whose leaders may be seen, too.
+const AHEAD: [Slot; 3] = [Slot::Preceding, Slot::LeftPreceding, Slot::RightPreceding];
 
 /// Farthest lane line that is an input of the goal network, m.
 const LINE_REACH: f32 = 6.;
@@ -317,9 +331,7 @@ impl Features {
         let steps = self.shape.t_pred;
         let way = match self.mode_frame() {
             ModeFrame::Position => Vec::new(),
-            ModeFrame::Deviation => {
-                Reference::constant_velocity(situation.velocity, self.shape.dt() as f32, steps)
-            }
+            ModeFrame::Deviation => Reference::constant_velocity(situation.velocity, self.shape.dt() as f32, steps),
             ModeFrame::PlatoonDeviation => (1..=steps).map(|step| situation.reference(step)).collect(),
         };
         Reference { origin: [0.; 2], heading: 0., way }
@@ -441,6 +453,7 @@ mod tests {
             velocity_window_s: 0.5,
             history_block_s,
             vehicles_ahead: 1,
+            neighbours: SeenNeighbours::All,
             car_following_features: false,
         };
         config.check().unwrap();

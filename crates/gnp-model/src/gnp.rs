@@ -10,16 +10,16 @@ use gnp_data::{
     WindowShape,
 };
 use gnp_goal::GoalNet;
-use gnp_modes::Modes;
+use gnp_modes::{ModeFrame, Modes};
 use gnp_traj::{Arity, ForceTerm, Phase, RollOut, RollOutBatch, SocialForce, TermRollOut};
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::augmented_view::AugmentedView;
 use crate::checkpoint::{Checkpoint, Component, Header};
+use crate::contributions;
 use crate::error::ModelError;
 use crate::features::Features;
-use crate::contributions;
 use crate::scene::NeighbourFuture;
 use crate::select::{Selection, central, medoids};
 use crate::situation::{ReferencePath, Situation};
@@ -39,6 +39,7 @@ pub struct Gnp {
     pub(crate) trained: Arc<Trained>,
     neighbours: NeighbourFuture,
     selection: Selection,
+    trust: f32,
     explain: bool,
     pool: Option<Arc<ThreadPool>>,
     name: &'static str,
@@ -146,13 +147,30 @@ impl Gnp {
         };
         let device = device.clone();
         let trained = Arc::new(Trained { header, features, modes, centres, goal: net, force, device });
-        Ok(Self { trained, neighbours, selection: Selection::Medoids, explain: false, pool: None, name })
+        Ok(Self { trained, neighbours, selection: Selection::Medoids, trust: 1., explain: false, pool: None, name })
     }
 
     /// How goals are chosen when fewer are asked for than there are modes; medoids unless set.
     #[must_use]
     pub fn selecting(self, selection: Selection) -> Self {
         Self { selection, ..self }
+    }
+
+    /// How much of what the network expects on average beyond the reference path is believed, 0 to 1; all of it unless
+    /// set. The rest is left out of every future, so that they keep their distances to each other. What is learned from
+    /// few windows is right about the direction more often than about the size.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] for another share, or for less than all where futures are no deviations from a reference.
+    pub fn trusting(self, trust: f64) -> Result<Self, ModelError> {
+        if !(0. ..=1.).contains(&trust) {
+            return Err(ModelError::config("predict.trust", "must be between 0 and 1"));
+        }
+        if trust < 1. && self.trained.features.mode_frame() == ModeFrame::Position {
+            let problem = "is below 1, but futures are positions and have no reference: set it to 1.0";
+            return Err(ModelError::config("predict.trust", problem));
+        }
+        Ok(Self { trust: trust as f32, ..self })
     }
 
     /// Whether forecasts carry the forces of every step.
@@ -251,18 +269,21 @@ impl Gnp {
         };
         let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, decoded)?;
         let scale = features.config().length_scale;
-        let futures = (goals.futures * scale)?.flatten_all()?.to_vec1::<f32>()?;
+        let mut futures = (goals.futures * scale)?.flatten_all()?.to_vec1::<f32>()?;
         let mut out = Goals { futures: Vec::new(), probabilities: Vec::new() };
         let path = 2 * features.shape().t_pred;
-        let by_window = futures.chunks_exact(path * decoded).zip(goals.probabilities.to_vec2::<f32>()?);
+        let probabilities = goals.probabilities.to_vec2::<f32>()?;
+        for (paths, probabilities) in futures.chunks_exact_mut(path * decoded).zip(&probabilities) {
+            self.shrink(paths, probabilities);
+        }
+        let by_window = futures.chunks_exact(path * decoded).zip(probabilities);
         for (situation, (paths, probabilities)) in situations.iter().zip(by_window) {
             let picked = match self.selection {
                 Selection::MostProbable => probabilities.into_iter().enumerate().collect(),
                 selection => {
                     let ends: Vec<_> =
                         paths.chunks_exact(path).map(|path| [path[path.len() - 2], path[path.len() - 1]]).collect();
-                    let first =
-                        if selection == Selection::Central { central(&ends, &probabilities) } else { None };
+                    let first = if selection == Selection::Central { central(&ends, &probabilities) } else { None };
                     medoids(&ends, &probabilities, k, first)
                 }
             };
@@ -271,6 +292,21 @@ impl Gnp {
             out.probabilities.push(picked.into_iter().map(|(_, probability)| probability).collect());
         }
         Ok(out)
+    }
+
+    /// Takes from the `paths` `[modes, t_pred, 2]` of a window, deviations, what is not believed of their mean.
+    fn shrink(&self, paths: &mut [f32], probabilities: &[f32]) {
+        if self.trust >= 1. {
+            return;
+        }
+        let values = paths.len() / probabilities.len().max(1);
+        let mut mean = vec![0f32; values];
+        for (path, probability) in paths.chunks_exact(values).zip(probabilities) {
+            mean.iter_mut().zip(path).for_each(|(mean, value)| *mean += probability * value);
+        }
+        for path in paths.chunks_exact_mut(values) {
+            path.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= (1. - self.trust) * mean);
+        }
     }
 
     fn forecast(
@@ -378,12 +414,7 @@ fn plain(goals: Goals) -> Vec<Forecast> {
 }
 
 /// Forecasts with the forces of every step, from the roll-out's tensors.
-fn explained(
-    path: &Tensor,
-    out: &RollOut,
-    batch: &RollOutBatch,
-    goals: &Goals,
-) -> Result<Vec<Forecast>, ModelError> {
+fn explained(path: &Tensor, out: &RollOut, batch: &RollOutBatch, goals: &Goals) -> Result<Vec<Forecast>, ModelError> {
     let flat = |tensor: &Tensor| -> Result<Vec<f32>, ModelError> { Ok(tensor.flatten_all()?.to_vec1::<f32>()?) };
     let path: Vec<[f32; 2]> = pairs(&flat(path)?);
     let mut terms = Vec::with_capacity(out.terms.len());

@@ -19,7 +19,7 @@ mod situation;
 pub use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
 pub use crate::checkpoint::{Checkpoint, Component, Header, Origin};
 pub use crate::error::ModelError;
-pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation};
+pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation, SeenNeighbours};
 pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
 pub use crate::scene::{NeighbourFuture, NeighbourInput};
 pub use crate::select::Selection;

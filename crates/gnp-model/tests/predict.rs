@@ -18,7 +18,7 @@ use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, 
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
     AugmentedView, Checkpoint, Component, FeatureConfig, Features, Gnp, Header, ModelError, NeighbourFuture,
-    NeighbourInput, ReferencePath, Representation, Selection,
+    NeighbourInput, ReferencePath, Representation, SeenNeighbours, Selection,
 };
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
@@ -93,6 +93,7 @@ fn features_from(recording: &Recording, representation: Representation, referenc
         velocity_window_s: 0.4,
         history_block_s: 0.4,
         vehicles_ahead: if reference == ReferencePath::Platoon { 2 } else { 1 },
+        neighbours: SeenNeighbours::All,
         car_following_features: true,
     };
     let observations = [0, 1].map(|track| window(recording, track).observation());
@@ -118,6 +119,7 @@ fn goal_config() -> GoalConfig {
         regression: Regression::Residual,
         null_token: true,
         slot_embedding: true,
+        zero_start: false,
     }
 }
 

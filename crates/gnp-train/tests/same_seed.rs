@@ -11,7 +11,9 @@ use candle_core::{Device, Tensor};
 use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet};
 use gnp_goal::{GoalConfig, GoalNet, LabelConfig, LabelDistance, ProbabilityHead, Regression};
-use gnp_model::{Component, FeatureConfig, Features, Header, NeighbourInput, ReferencePath, Representation};
+use gnp_model::{
+    Component, FeatureConfig, Features, Header, NeighbourInput, ReferencePath, Representation, SeenNeighbours,
+};
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_train::{
@@ -46,6 +48,7 @@ fn goal_config() -> GoalConfig {
         regression: Regression::Residual,
         null_token: true,
         slot_embedding: true,
+        zero_start: false,
     }
 }
 
@@ -164,6 +167,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
         velocity_window_s: 0.3,
         history_block_s: 0.2,
         vehicles_ahead: 2,
+        neighbours: SeenNeighbours::All,
         car_following_features: true,
     };
     let seen = || train.iter().filter_map(|id| set.get(*id));

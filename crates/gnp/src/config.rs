@@ -107,6 +107,8 @@ pub struct PredictConfig {
     pub neighbours: NeighbourInput,
     /// Which goals are given when fewer are asked for than there are modes.
     pub selection: Selection,
+    /// How much of what the network expects on average beyond the reference path is believed, 0 to 1.
+    pub trust: f64,
     /// Futures a window in `predictions.parquet`; one that a protocol of `[evaluate]` asks for.
     pub k: usize,
 }
@@ -171,6 +173,9 @@ impl RunConfig {
         for (name, section) in [("[attraction]", &self.attraction), ("[repulsion]", &self.repulsion)] {
             section.loss.check().context(name)?;
             section.train.check().context(name)?;
+        }
+        if !(0. ..=1.).contains(&self.predict.trust) {
+            bail!(Config, "predict.trust = {}: give a share between 0 and 1", self.predict.trust);
         }
         self.evaluate.check().context("[evaluate]")?;
         let asked: Vec<usize> = self.evaluate.protocols.iter().flat_map(|protocol| protocol.asks()).copied().collect();

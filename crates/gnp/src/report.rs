@@ -194,6 +194,7 @@ mod tests {
             site: "us-101".to_owned(),
             manoeuvre: None,
             model: "gnp".to_owned(),
+            seeds: 1,
             protocol,
             metric: metric.to_owned(),
             k: Some(k),

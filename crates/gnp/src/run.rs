@@ -173,6 +173,6 @@ impl Run {
         self.folder.require(Stage::Evaluate)?;
         let predict = &self.config.predict;
         let gnp = Gnp::load(self.folder.root(), predict.neighbours.without_future(), &self.machine.device)?;
-        Ok(gnp.selecting(predict.selection))
+        Ok(gnp.selecting(predict.selection).trusting(predict.trust)?)
     }
 }

@@ -151,6 +151,7 @@ impl Goal {
             regression: Regression::Absolute,
             null_token: false,
             slot_embedding: false,
+            zero_start: false,
         };
         let shape = GoalShape { observed: 4 * observed, neighbour: 4 * observed, slots: SLOTS, t_pred: predicted };
         let fused = Twice::new(|vb| Ok(GoalNet::new(&config, shape, vb)?))?;

@@ -111,11 +111,7 @@ impl<'a> Problem<'a> {
         let of_case = |(followers, motion): &mut (Vec<_>, Motion), case: &&Case| {
             // Traffic that cannot be rolled out says nothing about drivers.
             match roll_out(drivers, case.column.vehicles(), &self.shape, followers, motion) {
-                Ok(()) => case
-                    .truth
-                    .iter()
-                    .map(|(step, x)| motion.position(Traffic::TARGET, *step) - x)
-                    .collect(),
+                Ok(()) => case.truth.iter().map(|(step, x)| motion.position(Traffic::TARGET, *step) - x).collect(),
                 Err(_) => vec![0.; case.truth.len()],
             }
         };
@@ -150,7 +146,9 @@ impl<'a> Problem<'a> {
         let (errors, count) = (flat(at), at.len());
         let mut jacobian = DMatrix::zeros(errors.len(), count);
         for i in 0..count {
-            let moved = |by: f64| flat(&at.iter().enumerate().map(|(j, v)| v + if i == j { by } else { 0. }).collect::<Vec<_>>());
+            let moved = |by: f64| {
+                flat(&at.iter().enumerate().map(|(j, v)| v + if i == j { by } else { 0. }).collect::<Vec<_>>())
+            };
             let (up, down) = (moved(STEP), moved(-STEP));
             let column = up.iter().zip(&down).map(|(up, down)| (up - down) / (2. * STEP));
             jacobian.set_column(i, &DVector::from_iterator(errors.len(), column));

@@ -119,8 +119,10 @@ impl Traffic {
     pub(crate) fn target_alone(self) -> Self {
         let places: Vec<usize> = std::iter::once(Self::TARGET).chain(self.ahead_of(Self::TARGET)).collect();
         let moved = |place: usize| places.iter().position(|it| *it == place);
-        let vehicles =
-            places.iter().map(|place| self.vehicles[*place]).map(|it| SeenVehicle { leader: it.leader.and_then(moved), ..it });
+        let vehicles = places
+            .iter()
+            .map(|place| self.vehicles[*place])
+            .map(|it| SeenVehicle { leader: it.leader.and_then(moved), ..it });
         Self { vehicles: vehicles.collect(), slots: [None; SLOTS] }
     }
 

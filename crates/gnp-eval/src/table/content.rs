@@ -17,8 +17,8 @@ struct Column {
 
 /// Tables of scores: one for each dataset, protocol and site among them, in the order in which they
 /// first appear; rows in the order of the models. All sites together come last, and only where there
-/// are several. Under `clean` a second table of each site has further metrics, and one table of all
-/// sites has a row for each model and [`Manoeuvre`].
+/// are several. Under `clean` a second table of each site has further metrics, a third, where there are
+/// any, its lane changes, and one table of all sites has a row for each model and [`Manoeuvre`].
 #[must_use]
 pub fn tables(scores: &[Score], head: &TableHead) -> Vec<Table> {
     let mut tables = Vec::new();
@@ -32,6 +32,7 @@ pub fn tables(scores: &[Score], head: &TableHead) -> Vec<Table> {
             tables.push(part.table(false, columns(kind.1, &of_site)));
             if kind.1 == Protocol::Clean {
                 tables.push(part.table(true, further(last)));
+                tables.extend(part.lane_changes(last));
             }
         }
         let parted: Vec<&Score> = of_kind().filter(|score| score.manoeuvre.is_some()).collect();
@@ -57,15 +58,16 @@ pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Ta
             Some(k) => format!("{metric}_{k} {horizon_s} s"),
             None => format!("{metric} {horizon_s} s"),
         };
-        let row = |other: &str, uses_future: bool| {
+        let row = |other: &str, (uses_future, seeds): (bool, usize)| {
             let cells = metrics.iter().map(|metric| {
                 let found =
                     of_kind.iter().find(|row| row.b == other && (row.metric.as_str(), row.k, row.horizon_s) == *metric);
                 found.map_or_else(|| TableCell::plain("-"), |row| difference_cell(row))
             });
-            std::iter::once(TableCell::plain(named(other, uses_future))).chain(cells).collect()
+            std::iter::once(TableCell::plain(named(other, uses_future, seeds))).chain(cells).collect()
         };
-        let others = distinct(of_kind.iter().map(|row| (row.b.as_str(), row.uses_future)));
+        let others = distinct(of_kind.iter().map(|row| (row.b.as_str(), (row.uses_future, row.seeds[1]))));
+        let drawn = if of_kind.iter().any(|row| row.seeds != [1; 2]) { "vehicles and seeds" } else { "vehicles" };
         let simulated = if of_kind.iter().any(|row| row.simulated) { ", *simulated*" } else { "" };
         let place = site_name(site);
         tables.push(Table {
@@ -73,14 +75,14 @@ pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Ta
             detail: true,
             caption: format!(
                 "{place}{simulated}: protocol {}, {model} minus the model of the row on the same windows, split by {}, \
-                 {} Hz. Below zero {model} is better; + and - mark where the interval (95 %, vehicles resampled for \
+                 {} Hz. Below zero {model} is better; + and - mark where the interval (95 %, {drawn} resampled for \
                  both together) leaves out zero: + for {model}, - against it.",
                 protocol.name(),
                 head.split,
                 head.rate_hz
             ),
             header: std::iter::once(format!("{model} minus")).chain(metrics.iter().map(title)).collect(),
-            rows: others.iter().map(|(other, uses_future)| row(other, *uses_future)).collect(),
+            rows: others.iter().map(|(other, marks)| row(other, *marks)).collect(),
         });
     }
     tables
@@ -125,8 +127,23 @@ pub(crate) fn site_name(site: &str) -> &str {
     if site == ALL_SITES { "all sites" } else { site }
 }
 
-fn named(model: &str, uses_future: bool) -> String {
-    if uses_future { format!("{model} (future input)") } else { model.to_owned() }
+/// A model's name, with what must be known of its row.
+fn named(model: &str, uses_future: bool, seeds: usize) -> String {
+    let mut marks = Vec::new();
+    if uses_future {
+        marks.push("future input".to_owned());
+    }
+    if seeds > 1 {
+        marks.push(format!("{seeds} seeds"));
+    }
+    if marks.is_empty() { model.to_owned() } else { format!("{model} ({})", marks.join(", ")) }
+}
+
+/// A row: a model, whether it is handed recorded futures, and its seeds.
+type Row<'a> = (&'a str, bool, usize);
+
+fn row_of(score: &Score) -> Row<'_> {
+    (&score.model, score.uses_future, score.seeds)
 }
 
 /// The scores of one site under one protocol.
@@ -139,13 +156,6 @@ struct Section<'a> {
 
 impl Section<'_> {
     fn table(&self, detail: bool, columns: Vec<Column>) -> Table {
-        let models = distinct(self.scores.iter().map(|score| (score.model.as_str(), score.uses_future)));
-        let row = |(model, uses_future): &(&str, bool)| {
-            let is_own = |s: &&&Score| (s.model.as_str(), s.uses_future) == (*model, *uses_future);
-            let own: Vec<&Score> = self.scores.iter().filter(is_own).copied().collect();
-            let cells = columns.iter().map(|column| cell(column, &own));
-            std::iter::once(TableCell::plain(named(model, *uses_future))).chain(cells).collect()
-        };
         let site = site_name(self.site);
         let mut caption = caption(site, self.protocol, self.scores, self.head);
         if detail {
@@ -156,8 +166,50 @@ impl Section<'_> {
             detail,
             caption,
             header: std::iter::once("model".to_owned()).chain(columns.iter().map(|c| c.title.clone())).collect(),
-            rows: models.iter().map(row).collect(),
+            rows: self.rows(&columns),
         }
+    }
+
+    /// One row a model.
+    fn rows(&self, columns: &[Column]) -> Vec<Vec<TableCell>> {
+        let row = |(model, uses_future, seeds): Row<'_>| {
+            let is_own = |s: &&&Score| row_of(s) == (model, uses_future, seeds);
+            let own: Vec<&Score> = self.scores.iter().filter(is_own).copied().collect();
+            let cells = columns.iter().map(|column| cell(column, &own));
+            std::iter::once(TableCell::plain(named(model, uses_future, seeds))).chain(cells).collect()
+        };
+        distinct(self.scores.iter().map(|score| row_of(score))).into_iter().map(row).collect()
+    }
+
+    /// Which lane changes are among the futures; nothing where no vehicle changes lane.
+    fn lane_changes(&self, last: f64) -> Option<Table> {
+        let kinds = [
+            (MetricKind::LaneChangeRecall, "begins", "that begin within the first second"),
+            (MetricKind::LaneChangeRecallUnderWay, "under way", "under way when last observed"),
+        ];
+        let counted = |kind: MetricKind| self.scores.iter().find(|score| score.metric == kind.name());
+        let there = kinds.iter().filter_map(|(kind, title, words)| Some((*kind, title, words, counted(*kind)?)));
+        let (mut columns, mut counts) = (Vec::new(), Vec::new());
+        for (kind, title, words, Score { windows, vehicles, .. }) in there {
+            let of = |k| single(format!("{title}, k = {k}"), Metric::best_of(kind, k, last), true);
+            columns.extend([1, 6].map(of));
+            counts.push(format!("{words}: {windows} windows, {vehicles} vehicles"));
+        }
+        let site = site_name(self.site);
+        let simulated = if self.scores.iter().any(|score| score.simulated) { ", *simulated*" } else { "" };
+        (!columns.is_empty()).then(|| Table {
+            name: format!("{} {site} lane changes", self.protocol.name()),
+            detail: true,
+            caption: format!(
+                "{site}{simulated}: protocol {}, share of recorded lane changes for which one of k futures ends in the \
+                 new lane, by the lines. Lane changes {}. Split by {}; intervals of 95 % by vehicle.",
+                self.protocol.name(),
+                counts.join("; "),
+                self.head.split
+            ),
+            header: std::iter::once("model".to_owned()).chain(columns.iter().map(|c| c.title.clone())).collect(),
+            rows: self.rows(&columns),
+        })
     }
 }
 
@@ -184,11 +236,10 @@ fn by_manoeuvre(protocol: Protocol, scores: &[&Score], head: &TableHead) -> Tabl
     let mut rows = Vec::new();
     for manoeuvre in Manoeuvre::ALL {
         let of_group = || scores.iter().filter(move |score| score.manoeuvre == Some(manoeuvre)).copied();
-        for (model, uses_future) in distinct(of_group().map(|score| (score.model.as_str(), score.uses_future))) {
-            let own: Vec<&Score> =
-                of_group().filter(|s| (s.model.as_str(), s.uses_future) == (model, uses_future)).collect();
+        for (model, uses_future, seeds) in distinct(of_group().map(row_of)) {
+            let own: Vec<&Score> = of_group().filter(|s| row_of(s) == (model, uses_future, seeds)).collect();
             let windows = own.first().map_or_else(|| "-".to_owned(), |score| score.windows.to_string());
-            let name = TableCell::plain(format!("{}: {}", manoeuvre.name(), named(model, uses_future)));
+            let name = TableCell::plain(format!("{}: {}", manoeuvre.name(), named(model, uses_future, seeds)));
             let cells = columns.iter().map(|column| cell(column, &own));
             rows.push([name, TableCell::plain(windows)].into_iter().chain(cells).collect());
         }
@@ -310,13 +361,13 @@ fn caption(site: &str, protocol: Protocol, scores: &[&Score], head: &TableHead) 
         let (least, most) = (counts.iter().min().copied().unwrap_or(0), counts.iter().max().copied().unwrap_or(0));
         if least == most { format!("{most}") } else { format!("{least} to {most}") }
     };
-    // Off-road does not apply everywhere; the other metrics count the windows of a model.
-    let counted: Vec<&&Score> = scores.iter().filter(|s| s.metric != MetricKind::OffRoad.name()).collect();
+    let counted: Vec<&&Score> = scores.iter().filter(|s| MetricKind::is_of_all_windows(&s.metric)).collect();
+    let drawn = if scores.iter().any(|score| score.seeds > 1) { "vehicle and seed" } else { "vehicle" };
     let windows = span(counted.iter().map(|score| score.windows).collect());
     let vehicles = span(counted.iter().map(|score| score.vehicles as u64).collect());
     format!(
         "{site}{simulated}: protocol {} ({}), split by {}, {} Hz, {windows} windows, {vehicles} vehicles. \
-         Lengths in m; intervals of 95 % by vehicle.",
+         Lengths in m; intervals of 95 % by {drawn}.",
         protocol.name(),
         protocol.summary(),
         head.split,

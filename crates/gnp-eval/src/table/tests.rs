@@ -18,6 +18,7 @@ fn scores(protocol: Protocol, site: &str, model: &str, start: f64) -> Vec<Score>
         site: site.to_owned(),
         manoeuvre: None,
         model: model.to_owned(),
+        seeds: 1,
         protocol,
         metric: metric.kind.name().to_owned(),
         k: metric.k,
@@ -129,10 +130,42 @@ fn manoeuvres_are_rows_of_one_table() {
     all.extend(parted("gnp", Manoeuvre::Left));
     let tables = tables(&all, &head());
     let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
-    assert_eq!(names, ["clean us-101", "clean us-101 further", "clean all sites by manoeuvre"]);
-    let rows: Vec<[&str; 2]> = tables[2].rows.iter().map(|row| [row[0].text.as_str(), row[1].text.as_str()]).collect();
+    let lanes = "clean us-101 lane changes";
+    assert_eq!(names, ["clean us-101", "clean us-101 further", lanes, "clean all sites by manoeuvre"]);
+    let rows: Vec<[&str; 2]> = tables[3].rows.iter().map(|row| [row[0].text.as_str(), row[1].text.as_str()]).collect();
     assert_eq!(rows, [["left: gnp", "71"], ["brake: gnp", "71"]]);
     assert_eq!(tables[0].rows.len(), 1, "manoeuvres stay out of the other tables");
+}
+
+#[test]
+fn lane_changes_have_a_table_with_their_own_counts() {
+    let mut all = scores(Protocol::Clean, "us-101", "gnp", 0.5);
+    for score in all.iter_mut().filter(|score| score.metric == "lane_change_recall") {
+        (score.windows, score.vehicles) = (23, 9);
+    }
+    let find =
+        |scores: &[Score]| tables(scores, &head()).into_iter().find(|table| table.name.ends_with("lane changes"));
+    let table = find(&all).unwrap();
+    assert!(table.caption.contains("first second: 23 windows, 9 vehicles; under way"), "{}", table.caption);
+    assert_eq!(table.header, ["model", "begins, k = 1", "begins, k = 6", "under way, k = 1", "under way, k = 6"]);
+    assert!(table.rows[0][1].interval.is_some());
+    let main = &tables(&all, &head())[0];
+    assert!(main.caption.contains("1234 windows, 56 vehicles"), "{}", main.caption);
+    all.retain(|score| !score.metric.starts_with("lane_change"));
+    assert_eq!(find(&all), None);
+}
+
+#[test]
+fn a_row_says_how_many_seeds_it_is_the_mean_of() {
+    let mut all = scores(Protocol::Clean, "us-101", "gnp", 5.);
+    all.extend(parted("gnp", Manoeuvre::Left));
+    all.iter_mut().for_each(|score| score.seeds = 3);
+    all.extend(scores(Protocol::Clean, "us-101", "IDM", 6.));
+    let tables = tables(&all, &head());
+    let names: Vec<&str> = tables[0].rows.iter().map(|row| row[0].text.as_str()).collect();
+    assert_eq!(names, ["gnp (3 seeds)", "IDM"]);
+    assert!(tables[0].caption.ends_with("by vehicle and seed."), "{}", tables[0].caption);
+    assert!(tables.iter().any(|table| table.rows[0][0].text == "left: gnp (3 seeds)"));
 }
 
 #[test]
@@ -175,6 +208,7 @@ fn differences_say_who_is_better() {
         horizon_s: 5.,
         a: "gnp".to_owned(),
         b: b.to_owned(),
+        seeds: [1; 2],
         value,
         ci_low: Some(value - 0.5),
         ci_high: Some(value + 0.5),

@@ -15,7 +15,7 @@ use crate::run::folder::write_json;
 /// File of the fitted parameters in a run folder.
 pub(crate) const FILE: &str = "rules.json";
 
-/// Most training windows that rules are fitted to; of more, every n-th is taken.
+/// Most training windows of a site that rules are fitted to; of more, every n-th is taken.
 const MOST: usize = 2000;
 
 /// `rules.json`: parameters by the name of the rule, and the split whose training windows they were fitted to.
@@ -64,8 +64,13 @@ fn fitted(run: &Run) -> Result<Fitted> {
     }
     let set = run.windows()?;
     let split = run.split(&set)?;
-    let step = split.train().len().div_ceil(MOST).max(1);
-    let training: Vec<Window<'_>> = split.train().iter().step_by(step).filter_map(|id| set.get(*id)).collect();
+    let mut by_site: BTreeMap<&str, Vec<Window<'_>>> = BTreeMap::new();
+    for window in split.train().iter().filter_map(|id| set.get(*id)) {
+        by_site.entry(window.observation().site()).or_default().push(window);
+    }
+    let thinned = |windows: &Vec<Window<'_>>| windows.len().div_ceil(MOST).max(1);
+    let training: Vec<Window<'_>> =
+        by_site.values().flat_map(|windows| windows.iter().copied().step_by(thinned(windows))).collect();
     let mut rules = BTreeMap::new();
     for rule in RULES {
         rules.insert(rule.name().to_owned(), rule.fit(&training).with_context(|| rule.name())?);
