@@ -6,7 +6,7 @@ use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 use gnp::{Setting, Stage};
 use gnp_data::Dataset;
 
-use crate::names::{DeviceName, ProtocolName, dataset};
+use crate::names::{DeviceName, Place, ProtocolName, dataset, place, speed};
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -71,6 +71,7 @@ Examples:
   gnp compare --dataset ngsim
   gnp compare --dataset highd --data-dir D --out runs/table1-highd
   gnp compare --dataset ngsim --resume         go on; a finished model is not trained again
+  gnp compare --dataset ngsim --seeds 3        GNP trained three times; intervals over drivers and seeds
   gnp compare --dataset ngsim --resume --published   add a row for GNP as published, which trains long
 
 Writes table1.md, table1.csv, table1.json, differences.json and the figures table1-*.svg and .png to --out
@@ -88,6 +89,18 @@ Examples:
   gnp figures --run runs/ngsim
   gnp figures --run runs/ngsim --data-dir D --out figures-of-d")]
     Figures(FigureArgs),
+    /// Say what is behind one forecast, cause by cause, and what it would be in a changed scene.
+    #[command(after_help = "\
+Examples:
+  gnp explain --run runs/ngsim                                a forecast in which a leader moves the vehicle far
+  gnp explain --run runs/ngsim --vehicle 554 --at 1200
+  gnp explain --run runs/ngsim --vehicle 554 --without 549    the same beside the scene without vehicle 549
+  gnp explain --run runs/ngsim --vehicle 554 --speed 549=5 --json
+  gnp explain --run runs/ngsim --vehicle 554 --goal 60,-3.6   drawn to 60 m ahead and 3.6 m to the right
+
+Prints a table of displacements in m by cause, which add up to the predicted path, and a sentence; writes the figures
+contributions and what-if, as SVG and PNG, to --out.")]
+    Explain(ExplainArgs),
     /// Write report.html of a finished run: what was run, quality, scores, figures, a scene player.
     #[command(after_help = "\
 Example:
@@ -260,6 +273,41 @@ pub struct ReportArgs {
     pub(crate) machine: MachineArgs,
 }
 
+/// What to explain, what to change, where to.
+#[derive(Clone, Debug, Args)]
+pub struct ExplainArgs {
+    /// The trained run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// Recording of the vehicle [default: any].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) recording: Option<String>,
+    /// The vehicle [default: one that its leader moves far].
+    #[arg(long, value_name = "NUMBER")]
+    pub(crate) vehicle: Option<u32>,
+    /// Last observed frame [default: of the vehicle's windows the one in which a leader moves it most].
+    #[arg(long, value_name = "FRAME")]
+    pub(crate) at: Option<u32>,
+    /// Leave a vehicle out of the scene; repeatable.
+    #[arg(long, value_name = "NUMBER")]
+    pub(crate) without: Vec<u32>,
+    /// Give a vehicle another speed, such as 549=5 for 5 m/s; repeatable.
+    #[arg(long, value_name = "NUMBER=MPS", value_parser = speed)]
+    pub(crate) speed: Vec<(u32, f32)>,
+    /// Draw the vehicle to a place, m ahead and to the left of where it is, instead of where the network expects it.
+    #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
+    pub(crate) goal: Option<Place>,
+    /// Folder for the figures [default: in explain/ of the run folder]; figures there are replaced.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print JSON, with every step, instead of the table.
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
 /// What to replay, where to.
 #[derive(Clone, Debug, Args)]
 pub struct ReplayArgs {
@@ -314,6 +362,10 @@ pub struct CompareArgs {
     /// Recipes of the neural baselines [default: those of configs/neural-baselines.toml].
     #[arg(long, value_name = "FILE")]
     pub(crate) recipes: Option<PathBuf>,
+    /// Seeds that GNP is trained with, from that of the configuration on; its row is their mean, and intervals draw
+    /// them.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) seeds: u16,
     /// Also train GNP as published on the same windows: as this configuration says [default: configs/paper/NAME.toml].
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     #[expect(clippy::option_option, reason = "absent, given, given with a file")]
@@ -364,6 +416,14 @@ mod tests {
     }
 
     #[test]
+    fn changes_of_a_scene_are_understood() {
+        let line = "gnp explain --run a --without 3 --without 4 --speed 5=2.5 --goal -1.5,3";
+        let Command::Explain(args) = Cli::try_parse_from(line.split(' ')).unwrap().command else { panic!("{line}") };
+        assert_eq!((args.without, args.speed), (vec![3, 4], vec![(5, 2.5)]));
+        assert_eq!(args.goal, Some(Place([-1.5, 3.])));
+    }
+
+    #[test]
     fn the_published_model_is_asked_for_with_a_configuration_or_without() {
         let published = |words: &[&str]| {
             let line = ["gnp", "compare", "--dataset", "ngsim"].iter().chain(words);
@@ -401,8 +461,13 @@ mod tests {
             &["gnp", "evaluate", "--run", "a", "--protocol", "av2"],
             &["gnp", "evaluate", "--run", "a", "--data-dir", "d", "--again"],
             &["gnp", "train", "--run", "a", "--stage", "evaluate"],
+            &["gnp", "explain", "--run", "a", "--speed", "5"],
+            &["gnp", "explain", "--run", "a", "--speed", "5=fast"],
+            &["gnp", "explain", "--run", "a", "--goal", "60"],
+            &["gnp", "explain", "--run", "a", "--goal", "60,left"],
             &["gnp", "ablate", "--dataset", "ngsim", "--recipes", "r"],
             &["gnp", "ablate", "--dataset", "ngsim", "--published"],
+            &["gnp", "ablate", "--dataset", "ngsim", "--seeds", "2"],
             &["gnp", "compare", "--dataset", "ngsim", "--from", "r"],
         ] {
             assert!(Cli::try_parse_from(line).is_err(), "{line:?}");

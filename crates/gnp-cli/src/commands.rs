@@ -1,21 +1,23 @@
 //! What each command does.
 
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Machine, Plan, PredictionsOn, Progress as _, Recipes, Run, RunConfig, Scores, Stage, memory, score_predictions,
-    score_recordings,
+    Change, Machine, Plan, PredictionsOn, Progress as _, Question, Recipes, Run, RunConfig, Scores, Stage, memory,
+    score_predictions, score_recordings,
 };
 use gnp_data::FORMATS;
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, CompareArgs, EvaluateArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs, RunArgs,
-    StageArgs, TableArgs, TrainArgs,
+    Command, CompareArgs, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs,
+    RunArgs, StageArgs, TableArgs, TrainArgs,
 };
+use crate::names::Place;
 use crate::program::Program;
 use crate::terminal::Terminal;
 
@@ -35,6 +37,7 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
             Ok(gnp::ablate(&table(args, "table2", program)?.0, &crate::machine(&args.machine, program)?)?)
         }
         Command::Figures(args) => figures(args, program),
+        Command::Explain(args) => explain(args, program),
         Command::Report(args) => report(args, program),
         Command::Replay(args) => replay(args, program),
     }
@@ -61,7 +64,8 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
                 Some(file) => format!(" --published={}", file.display()),
                 None => " --published".to_owned(),
             });
-            table("compare", &args.table, recipes.into_iter().chain(published).collect())
+            let seeds = (args.seeds > 1).then(|| format!(" --seeds {}", args.seeds));
+            table("compare", &args.table, recipes.into_iter().chain(seeds).chain(published).collect())
         }
         Command::Ablate(args) => table("ablate", args, String::new()),
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
@@ -219,7 +223,8 @@ fn compare(args: &CompareArgs, program: &Program) -> Result<()> {
         Some(Some(path)) => Some(RunConfig::read(path, &[])?),
         Some(None) => Some(RunConfig::embedded(&format!("paper/{}", config.dataset), &[])?),
     };
-    Ok(gnp::compare(&plan, &recipes, published.as_ref(), &crate::machine(&args.table.machine, program)?)?)
+    let seeds = usize::from(args.seeds);
+    Ok(gnp::compare(&plan, &recipes, seeds, published.as_ref(), &crate::machine(&args.table.machine, program)?)?)
 }
 
 fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
@@ -231,6 +236,34 @@ fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
         machine.progress.result(&format!("{}: {}", figure.name, figure.caption));
     }
     machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", figures.len(), out.display()));
+    Ok(())
+}
+
+fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let run = Run::open(&args.run, &machine)?;
+    let without = args.without.iter().map(|vehicle| Change::Without { vehicle: *vehicle });
+    let speeds =
+        args.speed.iter().map(|(vehicle, speed_mps)| Change::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
+    let goal = args.goal.iter().map(|Place(goal)| Change::Goal(*goal));
+    let question = Question {
+        recording: args.recording.clone(),
+        vehicle: args.vehicle,
+        frame: args.at,
+        changes: without.chain(speeds).chain(goal).collect(),
+    };
+    let explained = gnp::explain(&run, &question)?;
+    if args.json {
+        // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
+        let _ = writeln!(io::stdout().lock(), "{:#}", explained.json());
+    } else {
+        machine.progress.result(&explained.text());
+    }
+    let key = &explained.key;
+    let of_its_own = || run.path().join("explain").join(format!("{}-{}-{}", key.recording, key.vehicle, key.t0));
+    let out = args.out.clone().unwrap_or_else(of_its_own);
+    explained.save_figures(&out)?;
+    machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", explained.figures.len(), out.display()));
     Ok(())
 }
 

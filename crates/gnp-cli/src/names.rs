@@ -40,6 +40,26 @@ pub(crate) fn dataset(text: &str) -> Result<Dataset, String> {
     format_of(dataset).map(|_| dataset).map_err(|error| error.to_string())
 }
 
+/// `--goal`: a place forward and left of a vehicle, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Place(pub(crate) [f32; 2]);
+
+/// `--goal X,Y`.
+pub(crate) fn place(text: &str) -> Result<Place, String> {
+    let both = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
+    both.map(Place).ok_or_else(|| "give two lengths in m, forward and left, such as 60,-3.6".to_owned())
+}
+
+/// `--speed NUMBER=MPS`.
+pub(crate) fn speed(text: &str) -> Result<(u32, f32), String> {
+    let both = text.split_once('=').and_then(|(vehicle, speed)| Some((vehicle.trim().parse().ok()?, number(speed)?)));
+    both.ok_or_else(|| "give a vehicle and its speed in m/s, such as 549=5".to_owned())
+}
+
+fn number(text: &str) -> Option<f32> {
+    text.trim().parse().ok().filter(|value: &f32| value.is_finite())
+}
+
 /// `--device`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum DeviceName {

@@ -42,6 +42,8 @@ pub enum Cause {
         /// Its place in the column ahead, from 1.
         place: usize,
     },
+    /// All vehicles farther ahead in the lane than the nearest one together, where they are not told apart.
+    FartherLeaders,
     /// What the network expects the driver to do beyond that: the pull of the goal.
     Intention,
     /// The repulsion of a neighbour.
@@ -49,6 +51,8 @@ pub enum Cause {
         /// Number of the vehicle.
         vehicle: u32,
     },
+    /// The repulsion of all neighbours together, where they are not told apart.
+    Neighbours,
     /// Another term of the force, by its name, such as `lines`.
     Term(String),
 }
@@ -59,6 +63,15 @@ impl Cause {
     pub fn is_physical(&self) -> bool {
         *self != Self::Intention
     }
+
+    /// Whether it is the same one in another forecast: a leader stays himself where his place in the column changes.
+    #[must_use]
+    pub fn is_same_as(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Leader { vehicle, .. }, Self::Leader { vehicle: other, .. }) => vehicle == other,
+            _ => self == other,
+        }
+    }
 }
 
 impl fmt::Display for Cause {
@@ -66,15 +79,23 @@ impl fmt::Display for Cause {
         match self {
             Self::FreeRoad => f.write_str("free road"),
             Self::Leader { vehicle, place: 1 } => write!(f, "leader {vehicle}"),
-            Self::Leader { vehicle, place } => write!(f, "leader {vehicle}, {place} ahead"),
+            Self::Leader { vehicle, place } => write!(f, "leader {vehicle} ({place} ahead)"),
+            Self::FartherLeaders => f.write_str("farther leaders"),
             Self::Intention => f.write_str("intention"),
             Self::Neighbour { vehicle } => write!(f, "neighbour {vehicle}"),
+            Self::Neighbours => f.write_str("neighbours"),
             Self::Term(name) => f.write_str(name),
         }
     }
 }
 
 impl Contribution {
+    /// Displacement after `step` steps, m: none before the first.
+    #[must_use]
+    pub fn after(&self, step: usize) -> [f32; 2] {
+        step.checked_sub(1).and_then(|step| self.displacement.get(step)).copied().unwrap_or_default()
+    }
+
     /// The last of its displacements, m.
     #[must_use]
     pub fn at_end(&self) -> [f32; 2] {

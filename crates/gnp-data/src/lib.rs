@@ -11,6 +11,7 @@
 //! Feature `readers`, on by default: the formats of this crate, and with them polars. Without it
 //! there are recordings, windows, splits and predictors, and formats of other crates.
 
+mod account;
 mod assemble;
 mod cache;
 mod dataset;
@@ -39,6 +40,7 @@ mod window;
 mod window_shape;
 mod windows;
 
+pub use crate::account::Account;
 pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
 pub use crate::dataset::{Dataset, DatasetNameError};
 pub use crate::discover::{FoundFile, FoundFiles, discover_with};

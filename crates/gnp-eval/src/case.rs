@@ -262,7 +262,8 @@ mod tests {
     fn what_cannot_be_scored_is_named() {
         let reference = Reference::from_path(vec![[1., 0.], [2., 0.]], 2.);
         let path = [[1., 0.], [2., 0.]];
-        let problem = |modes: Vec<Mode>| ScoredWindow::new(&reference, &Forecast { modes }, 2).err();
+        let asked = |modes: Vec<Mode>, asked| ScoredWindow::new(&reference, &Forecast { modes }, asked).err();
+        let problem = |modes: Vec<Mode>| asked(modes, 2);
         assert_eq!(problem(vec![mode(1., &path)]), None);
         assert_eq!(problem(vec![]), Some(ForecastProblem::NoModes));
         let three = vec![mode(0.4, &path), mode(0.3, &path), mode(0.3, &path)];
@@ -271,8 +272,10 @@ mod tests {
         assert_eq!(problem(short), Some(ForecastProblem::Frames { mode: 1, needs: 2, found: 1 }));
         let nan = vec![mode(1., &[[1., 0.], [f32::NAN, 0.]])];
         assert_eq!(problem(nan), Some(ForecastProblem::NotFinite { mode: 0, step: 2 }));
-        let unsorted = vec![mode(0.4, &path), mode(0.6, &path)];
-        assert_eq!(problem(unsorted), Some(ForecastProblem::Order { mode: 1 }));
+        // The first is the prediction, likeliest or not; the others are in order.
+        assert_eq!(problem(vec![mode(0.4, &path), mode(0.6, &path)]), None);
+        let unsorted = vec![mode(0.4, &path), mode(0.2, &path), mode(0.4, &path)];
+        assert_eq!(asked(unsorted, 3), Some(ForecastProblem::Order { mode: 2 }));
         assert!(matches!(problem(vec![mode(0.7, &path), mode(0.2, &path)]), Some(ForecastProblem::Sum { .. })));
         let above = vec![mode(1.5, &path)];
         assert_eq!(problem(above), Some(ForecastProblem::Probability { mode: 0, probability: 1.5 }));

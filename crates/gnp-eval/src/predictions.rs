@@ -5,6 +5,7 @@
 
 mod reader;
 mod schema;
+mod shares;
 mod writer;
 
 use std::collections::BTreeMap;

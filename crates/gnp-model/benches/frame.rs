@@ -16,7 +16,8 @@ use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Observation, Predictor, WindowConfig, WindowSet, discover, read};
 use gnp_goal::{GoalConfig, GoalNet, ProbabilityHead, Regression};
 use gnp_model::{
-    Checkpoint, Component, FeatureConfig, Features, Gnp, Header, NeighbourFuture, ReferencePath, Representation, SeenNeighbours,
+    Checkpoint, Component, FeatureConfig, Features, Gnp, Header, NeighbourFuture, ReferencePath, Representation,
+    SeenNeighbours,
 };
 use gnp_modes::Modes;
 use gnp_nn::Weights;

@@ -11,7 +11,9 @@ use candle_core::{DType, Device, Tensor};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet, discover, read};
-use gnp_model::{AugmentedView, FeatureConfig, Features, NeighbourFuture, ReferencePath, Representation, SeenNeighbours};
+use gnp_model::{
+    AugmentedView, FeatureConfig, Features, NeighbourFuture, ReferencePath, Representation, SeenNeighbours,
+};
 
 const BATCH: usize = 64;
 

@@ -259,6 +259,45 @@ impl Gnp {
         TrueGoal { gnp: self.clone() }
     }
 
+    /// Paths to goals of the caller's choice instead of the network's: what the same traffic and forces make of them.
+    /// `goals` has a list for each observation, all equally long, in m in the window's frame; each forecast has a future
+    /// a goal, in their order and equally likely. Without physics the way to a goal is straight.
+    ///
+    /// # Errors
+    /// [`PredictError`] where `goals` are not so, or are not finite; as [`Predictor::predict`].
+    pub fn predict_towards(
+        &self,
+        observations: &[Observation<'_>],
+        goals: &[Vec<[f32; 2]>],
+    ) -> Result<Vec<Forecast>, PredictError> {
+        let k = goals.first().map_or(0, Vec::len);
+        let problem = if goals.len() != observations.len() {
+            Some(format!("{} lists for {} windows; give one a window", goals.len(), observations.len()))
+        } else if goals.iter().any(|list| list.len() != k || list.is_empty()) {
+            Some("are not equally many for every window, and at least one".to_owned())
+        } else if goals.iter().flatten().flatten().any(|value| !value.is_finite()) {
+            Some("are not all finite".to_owned())
+        } else {
+            None
+        };
+        if let Some(problem) = problem {
+            return Err(predict_error(self.name, ModelError::config("goals", &problem)));
+        }
+        if observations.is_empty() {
+            return Ok(Vec::new());
+        }
+        // The force uses the last point alone; the way there matters without one.
+        let steps = self.shape().t_pred;
+        let share = |j: usize| j as f32 / steps as f32;
+        let straight = |[x, y]: [f32; 2]| (1..=steps).map(|j| [x * share(j), y * share(j)]).collect();
+        let goals = Goals {
+            futures: goals.iter().map(|list| list.iter().copied().map(straight).collect()).collect(),
+            probabilities: vec![vec![1. / k as f32; k]; observations.len()],
+        };
+        let drive = || self.drive(&self.situations(observations)?, &goals, None);
+        self.on_threads(drive).map_err(|e| predict_error(self.name, e))
+    }
+
     pub(crate) fn goals(&self, situations: &[Situation<'_>], k: usize) -> Result<Goals, ModelError> {
         let Trained { features, modes, centres, goal, device, .. } = &*self.trained;
         let inputs = features.goal_inputs(situations, device)?;
@@ -536,18 +575,7 @@ impl OraclePredictor for TrueGoal {
 
     fn predict_with_future(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
         let observations: Vec<_> = windows.iter().map(Window::observation).collect();
-        // The force uses the last point alone; without one the way there is straight.
-        let straight = |window: &Window<'_>| {
-            let ([x, y], steps) = (window.truth().goal(), self.gnp.shape().t_pred);
-            let share = |j: usize| j as f32 / steps as f32;
-            vec![(1..=steps).map(|j| [x * share(j), y * share(j)]).collect::<Vec<_>>()]
-        };
-        let goals =
-            Goals { futures: windows.iter().map(straight).collect(), probabilities: vec![vec![1.]; windows.len()] };
-        if windows.is_empty() {
-            return Ok(Vec::new());
-        }
-        let drive = || self.gnp.drive(&self.gnp.situations(&observations)?, &goals, None);
-        self.gnp.on_threads(drive).map_err(|e| predict_error(self.name(), e))
+        let goals: Vec<_> = windows.iter().map(|window| vec![window.truth().goal()]).collect();
+        self.gnp.predict_towards(&observations, &goals)
     }
 }

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use candle_core::{Device, Tensor};
 use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{
-    Cause, Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta, Road,
-    SLOTS, Slot, Track, TrackState, Window, WindowShape,
+    Cause, Columns, Dataset, Forecast, LaneMarking, MarkingKind, Observation, Predictor, Recording, RecordingMeta,
+    Road, SLOTS, Slot, Track, TrackState, Window, WindowShape,
 };
 use gnp_force::nalgebra::Vector2;
 use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, TermVjp};
@@ -500,9 +500,8 @@ fn joint_neighbours_take_their_own_predicted_paths() {
 fn a_mirrored_road_is_seen_in_the_mirror() {
     let (road, mirrored) = (road(false, false), road(true, false));
     let features = features_from(&road, Representation::Deviation, ReferencePath::Platoon);
-    let inputs = |seen: AugmentedView<'_>| {
-        features.goal_inputs(&[features.situation(seen).unwrap()], &Device::Cpu).unwrap()
-    };
+    let inputs =
+        |seen: AugmentedView<'_>| features.goal_inputs(&[features.situation(seen).unwrap()], &Device::Cpu).unwrap();
     let a = inputs(AugmentedView::recorded(window(&mirrored, 0).observation()));
     let b = inputs(AugmentedView::mirrored(window(&road, 0).observation()));
     let c = inputs(AugmentedView::recorded(window(&road, 0).observation()));

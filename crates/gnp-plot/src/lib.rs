@@ -11,8 +11,10 @@
 
 mod axes;
 mod cases;
+mod causes;
 mod chart;
 mod clip;
+mod contributions;
 mod dots;
 mod field;
 mod figure;
@@ -27,10 +29,12 @@ mod scene;
 mod select;
 mod space_time;
 mod svg;
+mod what_if;
 
 pub use crate::cases::{Case, cases};
 pub use crate::chart::{ChartPanel, Scaling, Series, charts};
 pub use crate::clip::{Clip, ClipForecast, ClipNeighbour, ClipSpan, ClipVehicle, Evaluated, TimedState, class_name};
+pub use crate::contributions::contributions;
 pub use crate::dots::{Dot, DotPanel, DotRow, DotScaling, dot_note, dot_rows};
 pub use crate::field::{Potential, potential_field};
 pub use crate::figure::{Figure, Source};
@@ -42,3 +46,4 @@ pub use crate::report::{Report, ReportCell, ReportSection, ReportTable};
 pub use crate::scene::{Other, Scene, VehicleBox};
 pub use crate::select::{LateralManoeuvre, SceneRule, find_scene, lateral_manoeuvre, quantiles};
 pub use crate::space_time::{LongitudinalForecast, SpaceTime, Trace, space_time};
+pub use crate::what_if::{Mark, WhatIf, what_if};

@@ -36,15 +36,24 @@ pub(crate) struct RoadView {
 impl RoadView {
     /// Fits what moves, with some road around it, under `top`; not higher than `highest` unless the road is.
     pub(crate) fn fit(scene: &Scene, top: f64, highest: f64) -> Self {
-        let paths = scene.modes.iter().flat_map(|mode| mode.path.iter());
-        let goals = scene.modes.iter().filter_map(|mode| mode.explanation.as_ref().map(|e| &e.goal));
-        let moving = scene.history.iter().chain(&scene.truth).chain(paths).chain(goals);
+        Self::fit_all(&[scene], &[], top, highest)
+    }
+
+    /// The same for several scenes of one place, and more points, m.
+    pub(crate) fn fit_all(scenes: &[&Scene], more: &[[f32; 2]], top: f64, highest: f64) -> Self {
+        let modes = || scenes.iter().flat_map(|scene| &scene.modes);
+        let paths = modes().flat_map(|mode| mode.path.iter());
+        let goals = modes().filter_map(|mode| mode.explanation.as_ref().map(|e| &e.goal));
+        let seen = scenes.iter().flat_map(|scene| scene.history.iter().chain(&scene.truth));
+        let moving = seen.chain(paths).chain(goals).chain(more);
         let (mut x, mut y) = ([-10f64, 10.], [0f64, 0.]);
         for p in moving.filter(|p| p[0].is_finite() && p[1].is_finite()) {
             x = [x[0].min(p[0].into()), x[1].max(p[0].into())];
             y = [y[0].min(p[1].into()), y[1].max(p[1].into())];
         }
-        let edge = |pick: fn(f64, f64) -> f64, start| scene.lines.iter().map(|l| f64::from(l.y)).fold(start, pick);
+        let edge = |pick: fn(f64, f64) -> f64, start| {
+            scenes.iter().flat_map(|scene| &scene.lines).map(|l| f64::from(l.y)).fold(start, pick)
+        };
         let (right, left) = (edge(f64::min, f64::INFINITY), edge(f64::max, f64::NEG_INFINITY));
         // Around what moves, but no grass without a reason.
         let low = (y[0] - REACH).max((right - 1.2).min(y[0] - 1.5));

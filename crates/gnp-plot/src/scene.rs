@@ -1,6 +1,6 @@
 //! One window as it is drawn: road, vehicles, what was seen, what was forecast, what happened.
 
-use gnp_data::{Forecast, LaneMarking, Mode, Window};
+use gnp_data::{Forecast, LaneMarking, Mode, Observation, TrackState, Window};
 
 /// A vehicle's box: centre, length and width, m, window frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,17 +49,24 @@ impl Scene {
     #[must_use]
     pub fn of(window: &Window<'_>, forecast: Forecast, title: String) -> Self {
         let (seen, truth) = (window.observation(), window.truth());
-        let shape = seen.shape();
-        let point = |s: gnp_data::TrackState| [s.x, s.y];
+        let steps = seen.shape().t_pred;
         let mut lane_changes = Vec::new();
         let mut lane = seen.lane();
-        for j in 0..shape.t_pred {
+        for j in 0..steps {
             let next = truth.lane(j);
             if next != lane && next != 0 && lane != 0 {
                 lane_changes.push(point(truth.target(j)));
             }
             lane = next;
         }
+        let truth = (0..steps).map(|j| point(truth.target(j))).collect();
+        Self { truth, lane_changes, ..Self::seen(&seen, forecast, title) }
+    }
+
+    /// Everything about an observation and a forecast of it; what happened is not known.
+    #[must_use]
+    pub fn seen(seen: &Observation<'_>, forecast: Forecast, title: String) -> Self {
+        let shape = seen.shape();
         let others = seen.others().map(|other| Other {
             now: VehicleBox { centre: point(other.now()), size: other.size() },
             history: (0..shape.t_obs).filter_map(|i| other.state(i).map(point)).collect(),
@@ -69,8 +76,8 @@ impl Scene {
             lines: seen.lines().collect(),
             size: seen.size(),
             history: (0..shape.t_obs).map(|i| point(seen.target(i))).collect(),
-            truth: (0..shape.t_pred).map(|j| point(truth.target(j))).collect(),
-            lane_changes,
+            truth: Vec::new(),
+            lane_changes: Vec::new(),
             others: others.collect(),
             modes: forecast.modes,
             dt: shape.dt(),
@@ -85,4 +92,8 @@ impl Scene {
         let all = self.modes.iter().map(miss).enumerate();
         all.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i)
     }
+}
+
+fn point(state: TrackState) -> [f32; 2] {
+    [state.x, state.y]
 }

@@ -7,11 +7,12 @@ mod drawing;
 use std::sync::Arc;
 
 use drawing::{Element, of, read};
-use gnp_data::{Explanation, LaneMarking, MarkingKind, Mode, SLOTS, TermForces};
+use gnp_data::{Account, Cause, Contribution, Explanation, LaneMarking, MarkingKind, Mode, SLOTS, TermForces};
 use gnp_plot::{
-    Case, ChartPanel, Dot, DotPanel, DotRow, DotScaling, Figure, GivenMode, Intentions, LongitudinalForecast, Other,
-    Potential, Scaling, Scene, Series, Source, SpaceTime, Trace, VehicleBox, cases, charts, dot_note, dot_rows,
-    force_scenes, intentions, potential_field, reliability, reliability_bins, space_time,
+    Case, ChartPanel, Dot, DotPanel, DotRow, DotScaling, Figure, GivenMode, Intentions, LongitudinalForecast, Mark,
+    Other, Potential, Scaling, Scene, Series, Source, SpaceTime, Trace, VehicleBox, WhatIf, cases, charts,
+    contributions, dot_note, dot_rows, force_scenes, intentions, potential_field, reliability, reliability_bins,
+    space_time, what_if,
 };
 
 const STEPS: usize = 25;
@@ -38,6 +39,7 @@ fn scene() -> Scene {
             term("neighbours", SLOTS, [-0.5, -0.25], (0..SLOTS).map(|slot| if slot == 0 { 2. } else { 0. }).collect()),
             term("lines", 4, [0., -0.4], vec![0.3, 0.2, 0.2, 0.3]),
         ],
+        ..Explanation::default()
     };
     let mode = |probability, slope, explanation| Mode { probability, path: path(slope), explanation };
     let other =
@@ -87,8 +89,53 @@ fn every_figure(simulated: bool) -> Vec<Figure> {
         charts("errors", "Errors", "Errors.", &[chart()], &source),
         reliability(&bins, 6, 4, &source),
         space_time(&lane, &source),
+        contributions("contributions", "What moved it", "a scene, vehicle 12", &account(), &source),
+        changed_scene(&source),
         dot_rows("rows", "Rows of models", "Rows.", &rows_of_dots(), &source),
     ]
+}
+
+/// Parts whose ends are known, each growing in proportion to time; many are small.
+fn account() -> Account {
+    let part = |cause, end: [f32; 2]| Contribution {
+        cause,
+        displacement: (1..=STEPS).map(|j| end.map(|value| value * j as f32 / STEPS as f32)).collect(),
+    };
+    let leader = |vehicle, place| Cause::Leader { vehicle, place };
+    let neighbour = |vehicle| Cause::Neighbour { vehicle };
+    let mut parts = vec![
+        part(Cause::FreeRoad, [2., 0.]),
+        part(leader(34, 1), [-9., 0.]),
+        part(leader(35, 2), [1., 0.]),
+        part(Cause::Intention, [-3., 1.5]),
+        part(Cause::Term("lines".to_owned()), [0., -0.5]),
+    ];
+    parts.extend((1..=8).map(|vehicle| part(neighbour(vehicle), [0.01 * vehicle as f32, 0.])));
+    let explanation = Explanation { velocity: [10., 0.], contributions: parts, ..Explanation::default() };
+    let mode = Mode { probability: 1., path: explanation.path(0.2), explanation: Some(explanation) };
+    Account::of(12, &mode, 0.2).unwrap()
+}
+
+fn changed_scene(source: &Source) -> Figure {
+    let before = scene();
+    let mut after = scene();
+    after.others.remove(0);
+    after.modes[0].path.iter_mut().for_each(|at| at[0] *= 1.1);
+    let at = before.others[0].now;
+    let marks = [Mark { at, label: "34".to_owned(), gone: true }];
+    let gone = Account {
+        parts: account().parts.into_iter().filter(|part| part.cause.to_string() != "leader 34").collect(),
+        velocity: [12., 0.],
+        ..account()
+    };
+    let change = account().change_to(&gone);
+    let what = "without vehicle 34";
+    what_if(
+        "what-if",
+        "What if",
+        &WhatIf { what, before: &before, after: &after, marks: &marks, change: &change },
+        source,
+    )
 }
 
 fn rows_of_dots() -> Vec<DotPanel> {
@@ -301,6 +348,71 @@ fn labels_stand_free() {
             }
         }
     }
+}
+
+#[test]
+fn bars_lead_from_constant_velocity_to_the_path() {
+    let elements = read(&every_figure(false)[7].svg);
+    let names: Vec<&str> = of(&elements, "text", "name").iter().map(|e| e.text.as_str()).collect();
+    let along = [
+        "free road",
+        "leader 34",
+        "leader 35 (2 ahead)",
+        "intention",
+        "lines",
+        "neighbour 7",
+        "neighbour 8",
+        "6 others together",
+        "path",
+    ];
+    assert_eq!(names, [along, along].concat());
+    // Each begins where the last one ended; the sum is as far from zero as all of them lead.
+    let bars = &of(&elements, "rect", "bar")[..9];
+    let zero = of(&elements, "line", "zero")[0].number("x1");
+    let lengths = [2., -9., 1., -3., 0., 0.07, 0.08, 0.21, -8.64];
+    let per_m = bars[1].number("width") / 9.;
+    let mut at = zero;
+    for (bar, length) in bars.iter().zip(lengths) {
+        let from = if bar.is("sum") { zero } else { at };
+        let [left, right] = [bar.number("x"), bar.number("x") + bar.number("width")];
+        let (start, end) = if length < 0. { (right, left) } else { (left, right) };
+        assert!((start - from).abs() < 0.1 && (end - start - length * per_m).abs() < 0.1, "{bar:?}");
+        at = end;
+    }
+    let numbers: Vec<&str> = of(&elements, "text", "number").iter().map(|e| e.text.as_str()).collect();
+    assert_eq!((numbers[1], numbers[8], numbers[12]), ("\u{2212}9", "\u{2212}8.64", "+1.5"));
+    // The line of the growth ends at the sum, between the stacks.
+    let line = of(&elements, "path", "sum")[0].points();
+    let growth: Vec<_> = of(&elements, "path", "stacked").iter().map(|path| path.points()).collect();
+    let level = |points: &[[f64; 2]]| points.last().unwrap()[1];
+    let lowest = growth.iter().map(|points| level(points)).fold(f64::NEG_INFINITY, f64::max);
+    let highest = growth.iter().map(|points| level(points)).fold(f64::INFINITY, f64::min);
+    // 3.36 m are stacked up and 12 m down.
+    let share = (level(&line) - highest) / (lowest - highest);
+    assert!((share - (3.36 + 8.64) / 15.36).abs() < 0.005, "{share}");
+    assert!((line[0][1] - line[STEPS][1]).abs() > 20. && line.len() == STEPS + 1);
+}
+
+#[test]
+fn a_changed_scene_has_the_scale_of_the_first_and_shows_who_is_gone() {
+    let elements = read(&every_figure(false)[8].svg);
+    let (before, after): (Vec<_>, Vec<_>) = of(&elements, "rect", "target").into_iter().partition(|e| !e.is("changed"));
+    assert_eq!((before[0].number("x"), before[0].number("width")), (after[0].number("x"), after[0].number("width")));
+    let marks = of(&elements, "rect", "mark");
+    let dashed = |e: &Element| e.attributes.contains_key("stroke-dasharray");
+    assert_eq!(
+        marks.iter().map(|mark| (mark.is("changed"), dashed(mark))).collect::<Vec<_>>(),
+        [(false, false), (true, true)]
+    );
+    assert_eq!(of(&elements, "rect", "vehicle").len(), 3);
+    // The first prediction is where it was.
+    let first = of(&elements, "path", "best")[0].points();
+    let ghost = of(&elements, "path", "as-it-is")[0].points();
+    assert!(first.iter().zip(&ghost).all(|(a, b)| (a[0] - b[0]).abs() < 0.01));
+    let second = of(&elements, "path", "best")[1].points();
+    assert!(second[STEPS][0] > ghost[STEPS][0] + 5.);
+    let names: Vec<&str> = of(&elements, "text", "name").iter().map(|e| e.text.as_str()).collect();
+    assert_eq!(names, ["constant velocity", "leader 34", "difference"]);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Scores: of a run on its own windows, on other recordings, and of anybody's predictions. All are made by one
 //! driver: systems go in; scores, differences and tables come out.
 
+pub(crate) mod faithfulness;
 mod predictions;
 mod recordings;
 pub(crate) mod rules;
@@ -17,6 +18,7 @@ use gnp_eval::{
     save_scores, tables,
 };
 
+use self::faithfulness::{Faithfulness, Measured};
 pub use self::predictions::{PredictionsOn, score_predictions};
 pub use self::recordings::score_recordings;
 use self::systems::System;
@@ -25,7 +27,7 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::progress::Progress;
 use crate::run::Run;
-use crate::run::folder::{DataState, Stage, write};
+use crate::run::folder::{DataState, Stage, write, write_json};
 use crate::stages::kinds;
 
 /// Windows to score on.
@@ -48,17 +50,26 @@ pub struct Scores {
     pub scores: Vec<Score>,
     /// One system against each other one, on the same windows.
     pub differences: Vec<Comparison>,
-    /// Both for people.
+    /// Whether explanations are true, of the systems that explain themselves.
+    pub faithfulness: Vec<Faithfulness>,
+    /// All of it for people.
     pub tables: Vec<Table>,
 }
 
 impl Scores {
-    /// The scores of an evaluation, and the differences between `ours` and each other system.
-    pub(crate) fn of(evaluation: &Evaluation, ours: &str, split: String, bootstrap: &Bootstrap) -> Result<Self> {
+    /// The scores of an evaluation, the differences between `ours` and each other system, and what was measured of
+    /// explanations.
+    pub(crate) fn of(
+        evaluation: &Evaluation,
+        faithfulness: &Measured,
+        ours: &str,
+        split: String,
+        bootstrap: &Bootstrap,
+    ) -> Result<Self> {
         let scores = evaluation.scores(bootstrap);
         let differences = evaluation.comparisons(ours, bootstrap)?;
         let head = TableHead { split, rate_hz: evaluation.setting().rate_hz };
-        Ok(Self::new(scores, differences, &head))
+        Ok(Self::new(scores, differences, faithfulness.rows(bootstrap), &head))
     }
 
     /// Shows the tables that a terminal has room for.
@@ -79,10 +90,16 @@ impl Scores {
         Summary::of(&self.scores, &self.differences, &models)
     }
 
-    fn new(scores: Vec<Score>, differences: Vec<Comparison>, head: &TableHead) -> Self {
+    fn new(
+        scores: Vec<Score>,
+        differences: Vec<Comparison>,
+        faithfulness: Vec<Faithfulness>,
+        head: &TableHead,
+    ) -> Self {
         let mut tables = tables(&scores, head);
+        tables.extend(faithfulness::table(&faithfulness, head));
         tables.extend(comparison_tables(&differences, head));
-        Self { scores, differences, tables }
+        Self { scores, differences, faithfulness, tables }
     }
 
     /// All tables under a heading.
@@ -94,10 +111,14 @@ impl Scores {
         text
     }
 
-    /// Writes `metrics.json`, `differences.json`, `metrics.csv` and `metrics.md`.
+    /// Writes `metrics.json`, `differences.json`, `metrics.csv`, `metrics.md`, and `faithfulness.json` where a system
+    /// explains itself.
     fn save(&self, folder: &Path, heading: &str) -> Result<()> {
         save_scores(&folder.join("metrics.json"), &self.scores)?;
         save_comparisons(&folder.join("differences.json"), &self.differences)?;
+        if !self.faithfulness.is_empty() {
+            write_json(&folder.join(faithfulness::FILE), &self.faithfulness)?;
+        }
         write(&folder.join("metrics.csv"), csv(&self.tables).as_bytes())?;
         write(&folder.join("metrics.md"), self.markdown(heading).as_bytes())
     }
@@ -161,7 +182,7 @@ impl Run {
         let differences = load_comparisons(&self.folder.path("differences.json"))?;
         let set = self.windows()?;
         let head = TableHead { split: split_description(self, &self.split(&set)?), rate_hz: set.shape().rate_hz };
-        Ok(Scores::new(scores, differences, &head))
+        Ok(Scores::new(scores, differences, faithfulness::load(&self.folder)?, &head))
     }
 }
 
@@ -188,13 +209,14 @@ fn of_run(run: &Run, material: &Material<'_>, out: &Path) -> Result<Scores> {
     let config = &run.config;
     let gnp = run.model()?;
     let ours = gnp.name().to_owned();
-    let mut systems = vec![System::predictor(&ours, gnp.clone()), System::predictor("goal head", gnp.goal_head())];
+    let mut systems = vec![System::gnp(&ours, gnp.clone()), System::predictor("goal head", gnp.goal_head())];
     systems.extend(rules::systems(run)?);
     if config.predict.neighbours.uses_future() {
         systems.push(System::oracle("gnp (oracle neighbours)", gnp.oracle()));
     }
     let evaluation = evaluate(material, &systems, &config.evaluate, &run.machine)?;
-    let scores = Scores::of(&evaluation, &ours, material.split.clone(), &config.evaluate.bootstrap)?;
+    let faithfulness = Measured::of_systems(material, &systems, &run.machine)?;
+    let scores = Scores::of(&evaluation, &faithfulness, &ours, material.split.clone(), &config.evaluate.bootstrap)?;
     write_predictions(run, material, out)?;
     scores.save(out, &heading(material, config))?;
     Ok(scores)

@@ -1,5 +1,6 @@
 //! `figures`: pictures of a finished run, as SVG and PNG.
 
+mod causes;
 mod curves;
 mod scenes;
 pub(crate) mod scores;
@@ -100,6 +101,7 @@ pub(crate) fn draw(run: &Run, data_dir: Option<&Path>) -> Result<Vec<Figure>> {
     let material =
         Material { run, gnp: &gnp, recordings, set: &set, ids: &ids, windows: &windows, forecasts: &forecasts, source };
     let mut figures = scenes::figures(&material)?;
+    figures.extend(causes::figures(&material)?);
     figures.push(curves::modes(&material));
     figures.push(curves::error_by_horizon(run)?);
     figures.push(curves::reliability(&material));

@@ -12,7 +12,7 @@ use gnp_plot::{Figure, Report, ReportCell, ReportSection, ReportTable};
 pub use self::replay::{Replayed, can_replay, write_replay};
 use crate::data::ingest::{IngestSummary, RecordingReport};
 use crate::error::Result;
-use crate::evaluation::{fold, split_description};
+use crate::evaluation::{faithfulness, fold, split_description};
 use crate::figures;
 use crate::run::Run;
 use crate::run::folder::write;
@@ -55,7 +55,13 @@ pub fn write_report(run: &Run) -> Result<(PathBuf, Vec<Figure>)> {
     pictures.figures = others;
     // Below what is scored under the protocol that the page opens with.
     let details = report.sections.iter().take_while(|section| !section.folded).count();
-    report.sections.insert(details, pictures);
+    let explained = faithfulness::table(&scores.faithfulness, &head).map(|table| {
+        let mut section = ReportSection::new("Faithfulness of explanations");
+        section.tables = vec![shown(&table)];
+        section
+    });
+    let opened = explained.into_iter().chain([pictures]);
+    report.sections.splice(details..details, opened);
     let mut recordings = ReportSection::new("Recordings");
     recordings.tables = vec![quality(&run.folder.read_json("ingest.json")?)];
     let mut provenance = ReportSection::new("Provenance");

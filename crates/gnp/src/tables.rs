@@ -1,12 +1,14 @@
 //! Tables of systems trained where they are not yet, and scored on the same windows: GNP beside rules and neural
 //! baselines ([`compare`]), and GNP beside its ablations ([`ablate`]).
 //!
-//! A table has a folder: `gnp/` is the run of the full model, `learned/` has the neural baselines,
-//! `published/` is a run of the published model, `variants/` are the runs of ablations. With a split into folds there is one such folder a fold,
+//! A table has a folder: `gnp/` is the run of the full model, `gnp-seed-1/` and so on the same with other
+//! seeds, `learned/` has the neural baselines, `published/` is a run of the published model, `variants/` are the runs of
+//! ablations. With a split into folds there is one such folder a fold,
 //! `fold-1/` and so on, and every window is scored once, by models that were not trained on what is
 //! kept together with it. What is trained there stays; a table that is started again with
 //! `--resume` trains what is missing and scores everything anew.
 
+mod derived;
 mod files;
 mod printed;
 mod published;
@@ -17,26 +19,36 @@ use std::path::{Path, PathBuf};
 
 use gnp_baselines::RULES;
 use gnp_data::{Split, WindowSet};
+use gnp_eval::Evaluation;
 use gnp_neural_baselines::{ColumnNetwork, NeuralBaseline};
 
+use self::derived::beside;
 use self::files::{Report, Scored, write_report};
 pub use self::recipes::Recipes;
 use self::variants::{FULL, VARIANTS};
 use crate::config::{RunConfig, Setting};
 use crate::error::{Context as _, Error, Result, bail};
+use crate::evaluation::faithfulness::Measured;
 use crate::evaluation::systems::System;
 use crate::evaluation::{self, Material, remarks, rules};
 use crate::machine::Machine;
 use crate::run::Run;
-use crate::run::folder::occupied;
+use crate::run::folder::{Stage, occupied};
 use crate::stages::{Plan, kinds};
 
 /// GNP, the rules and the neural baselines that have a recipe, on the same windows; GNP as published, too, where
-/// `published` is the configuration that says how it is trained.
+/// `published` is the configuration that says how it is trained. GNP is trained with `seeds` seeds, that of the
+/// configuration and those after it: its row is the mean over them, and intervals draw them.
 ///
 /// # Errors
-/// When a training or an evaluation fails; [`Error::Stopped`] with the table's folder.
-pub fn compare(plan: &Plan, recipes: &Recipes, published: Option<&RunConfig>, machine: &Machine) -> Result<()> {
+/// When there is no seed, or a training or an evaluation fails; [`Error::Stopped`] with the table's folder.
+pub fn compare(
+    plan: &Plan,
+    recipes: &Recipes,
+    seeds: usize,
+    published: Option<&RunConfig>,
+    machine: &Machine,
+) -> Result<()> {
     let kinds: Vec<NeuralBaseline> =
         NeuralBaseline::ALL.into_iter().filter(|kind| recipes.get(*kind).is_some()).collect();
     let mut missing = Vec::new();
@@ -49,11 +61,11 @@ pub fn compare(plan: &Plan, recipes: &Recipes, published: Option<&RunConfig>, ma
     let without = NeuralBaseline::ALL.into_iter().filter(|kind| !kinds.contains(kind));
     missing.extend(without.map(|kind| format!("{}: has no recipe ([{}])", kind.name(), kind.stem())));
     let total = 2 + RULES.len() + usize::from(published.is_some()) + usize::from(recipes.column().is_some());
-    let table = Table::start("table1", plan, machine, total + kinds.len())?;
+    let table = Table::start("table1", plan, machine, (total + kinds.len(), seeds))?;
     let scored = table.scored(|fold| {
         let gnp = fold.run.model()?;
         let goal_head = System::predictor("goal head", gnp.goal_head());
-        let mut systems = vec![System::predictor(FULL, gnp), goal_head];
+        let mut systems = vec![System::gnp(FULL, gnp), goal_head];
         systems.extend(rules::systems(fold.run)?);
         let learned = fold.folder.join("learned");
         if let Some(recipe) = recipes.column() {
@@ -78,6 +90,7 @@ pub fn compare(plan: &Plan, recipes: &Recipes, published: Option<&RunConfig>, ma
                 on other windows, other splits and in part on other quantities.",
         ours: FULL,
         missing: &missing,
+        seeds,
         printed: printed::table1(scored.run.config.dataset),
     };
     write_report(&report, &scored, &table.folder)
@@ -88,7 +101,7 @@ pub fn compare(plan: &Plan, recipes: &Recipes, published: Option<&RunConfig>, ma
 /// # Errors
 /// As [`compare`].
 pub fn ablate(plan: &Plan, machine: &Machine) -> Result<()> {
-    let table = Table::start("table2", plan, machine, VARIANTS.len())?;
+    let table = Table::start("table2", plan, machine, (VARIANTS.len(), 1))?;
     let scored = table.scored(|fold| {
         let run = fold.run;
         // As written: a run has its seed added to the parts' own.
@@ -126,6 +139,7 @@ pub fn ablate(plan: &Plan, machine: &Machine) -> Result<()> {
                 shared. *No modes* is a single mode, the mean future, hence one goal made of the observation alone.",
         ours: FULL,
         missing: &missing,
+        seeds: 1,
         printed: printed::table2(scored.run.config.dataset),
     };
     write_report(&report, &scored, &table.folder)
@@ -140,7 +154,9 @@ struct Table<'a> {
     config: RunConfig,
     machine: &'a Machine,
     /// Systems of a fold, for progress.
-    total: usize,
+    systems: usize,
+    /// Seeds that the full model is trained with.
+    seeds: usize,
 }
 
 /// One fold of a table being made: what its systems are trained on.
@@ -179,7 +195,15 @@ fn is_table(stem: &str, folder: &Path) -> Result<bool> {
 
 impl<'a> Table<'a> {
     /// Refuses a folder in use unless it is to be resumed.
-    fn start(stem: &'static str, plan: &'a Plan, machine: &'a Machine, total: usize) -> Result<Self> {
+    fn start(
+        stem: &'static str,
+        plan: &'a Plan,
+        machine: &'a Machine,
+        (systems, seeds): (usize, usize),
+    ) -> Result<Self> {
+        if seeds == 0 {
+            bail!(Config, "a table needs at least one seed");
+        }
         let Some(config) = plan.config.clone() else { bail!(Config, "a table needs a configuration") };
         if plan.from.is_some() {
             bail!(Config, "the systems of a table are trained on its windows alone; leave the run to start from out");
@@ -196,7 +220,7 @@ impl<'a> Table<'a> {
         if in_use && !is_table(stem, &folder)? {
             bail!(Folder, "{} is not the folder of a table; take another --out", folder.display());
         }
-        Ok(Self { stem, folder, plan, config, machine, total })
+        Ok(Self { stem, folder, plan, config, machine, systems, seeds })
     }
 
     /// Folds of the split; each has its own models.
@@ -247,14 +271,40 @@ impl<'a> Table<'a> {
         let words = format!("{}{}", kinds(split.kinds()), remarks(&split, config.subset));
         let material =
             Material { set: &set, ids: split.subset(config.subset), split: words, data: &run.folder.state.data };
-        let evaluation = evaluation::evaluate(&material, &systems, config, self.machine)?;
+        let mut evaluation = evaluation::evaluate(&material, &systems, config, self.machine)?;
+        for further in 1..self.seeds {
+            evaluation = evaluation.with_seed(self.of_seed(&fold, further, &material)?)?;
+        }
+        let faithfulness = Measured::of_systems(&material, &systems, self.machine)?;
         let words = material.split;
         drop(set);
-        Ok(Scored::new(&systems, evaluation, words, &split, run))
+        Ok(Scored::new(&systems, (evaluation, faithfulness), words, &split, run))
+    }
+
+    /// What the full model gets that is trained with the `further`-th seed after that of the configuration.
+    fn of_seed(&self, fold: &Fold<'_>, further: usize, material: &Material<'_>) -> Result<Evaluation> {
+        let seed = self.config.seed.wrapping_add(further as u64);
+        self.note(fold.number, self.systems + further, &format!("{FULL}, seed {seed}"));
+        let setting = Setting { key: "seed".to_owned(), text: seed.to_string() };
+        let redo = [Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
+        let place = fold.folder.join(format!("gnp-seed-{seed}"));
+        let config = RunConfig::read(&fold.run.folder.path("config.toml"), &[setting])?;
+        let mut run = beside(&fold.run.folder, &config, &redo, &place, self.machine)?;
+        run.train()?;
+        evaluation::evaluate(
+            material,
+            &[System::predictor(FULL, run.model()?)],
+            &fold.run.config.evaluate,
+            self.machine,
+        )
     }
 
     fn note(&self, fold: usize, number: usize, name: &str) {
         let fold = if self.folds() == 1 { String::new() } else { format!("fold {fold} of {}, ", self.folds()) };
-        self.machine.progress.note(&format!("{}: {fold}{number} of {}, {name}", self.stem, self.total));
+        self.machine.progress.note(&format!(
+            "{}: {fold}{number} of {}, {name}",
+            self.stem,
+            self.systems + self.seeds - 1
+        ));
     }
 }

@@ -105,6 +105,26 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     let again = run(&["evaluate", "--run", first.to_str().unwrap(), "--tables", "--quiet"]).well();
     assert!(again.err.is_empty() && again.out.contains("protocol paper"), "{}", again.out);
 
+    // A forecast is explained as text and as JSON, beside a changed scene.
+    let place = first.to_str().unwrap();
+    let said = run(&["explain", "--run", place]).well();
+    for part in ["constant velocity", "\npath ", " 5 s", "In 5 s vehicle ", "sum of the causes"] {
+        assert!(said.out.contains(part), "no `{part}` in:\n{}", said.out);
+    }
+    let asked: Value = serde_json::from_str(&run(&["explain", "--run", place, "--json"]).well().out).unwrap();
+    let (vehicle, frame) = (asked["vehicle"].to_string(), asked["frame"].to_string());
+    let ahead = asked["as_it_is"]["parts"].as_array().unwrap().iter().find(|part| part["place"] == 1).unwrap();
+    let pictures = out.path().join("pictures");
+    let ahead = ahead["vehicle"].to_string();
+    let arguments =
+        ["explain", "--run", place, "--vehicle", &vehicle, "--at", &frame, "--without", &ahead, "--json", "--out"];
+    let changed = run(&[&arguments[..], &[pictures.to_str().unwrap()]].concat()).well();
+    let changed: Value = serde_json::from_str(&changed.out).unwrap();
+    assert_eq!(changed["as_it_is"], asked["as_it_is"]);
+    assert_eq!(changed["changes"], format!("without vehicle {ahead}"));
+    assert_eq!(names(&pictures), ["contributions.png", "contributions.svg", "what-if.png", "what-if.svg"]);
+    run(&["explain", "--run", place, "--vehicle", "99999"]).badly(&["99999", "vehicles with one: "]);
+
     // On other recordings every window is a test window.
     let other = crate::program::data(&["ngsim/us101-23_1.csv.gz"]);
     let scored = out.path().join("scored");
@@ -115,6 +135,7 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
         [
             "differences.json",
             "eval.json",
+            "faithfulness.json",
             "ingest.json",
             "ingest.txt",
             "metrics.csv",

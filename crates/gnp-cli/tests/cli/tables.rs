@@ -89,6 +89,11 @@ fn every_system_is_trained_once_and_scored_on_the_same_windows() {
     assert!(csv.lines().all(|line| line.matches(',').count() >= 5), "{csv}");
     assert!(csv.contains("literature printed (not re-run),\"PiP\",RMSE 5 s,4.04,,\n"), "{csv}");
 
+    // GNP explains itself, the others do not.
+    let faithful = content["faithfulness"].as_array().unwrap();
+    assert!(!faithful.is_empty() && faithful.iter().all(|row| row["model"] == "gnp" && row["windows"] != 0));
+    assert!(markdown.contains("Faithfulness of explanations") && csv.contains("faithfulness,us-101: gnp,slope,"));
+
     // Once more: nothing is trained again, and the numbers are the same ones.
     table1(&[]).badly(&["not empty", "--resume"]);
     let again = table1(&["--resume"]).well();
@@ -139,6 +144,68 @@ fn over_the_folds_every_window_is_scored_once() {
     };
     assert_eq!(of("GNP as published"), of("gnp"));
     assert_eq!(json(&place.join("published/run.json"))["split_hash"], json(&place.join("gnp/run.json"))["split_hash"]);
+}
+
+/// Two trainings of GNP are one row; a seed is added to a table that is there.
+#[test]
+fn seeds_are_trained_apart_and_scored_as_one_row() {
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let (place, none) = (out.path().join("table"), out.path().join("none.toml"));
+    fs::write(&none, "").unwrap();
+    let table1 = |more: &[&str]| {
+        let more: Vec<&str> = ["--recipes", none.to_str().unwrap()].into_iter().chain(more.iter().copied()).collect();
+        run(&arguments("table1", data.path(), &place, &config, &more))
+    };
+    table1(&[]).well();
+    let one = json(&place.join("table1.json"));
+    let second = table1(&["--resume", "--seeds", "2"]).well();
+    assert!(second.err.contains("8 of 8, gnp, seed 1"), "{}", second.err);
+    let two = json(&place.join("table1.json"));
+    assert_eq!((&one["seeds"], &two["seeds"], &two["seed"]), (&1.into(), &2.into(), &0.into()));
+
+    // The same windows, other weights.
+    let read = |folder: &str, file: &str| fs::read(place.join(folder).join(file)).unwrap();
+    assert_eq!(read("gnp", "split.json"), read("gnp-seed-1", "split.json"));
+    assert_ne!(read("gnp", "goal.safetensors"), read("gnp-seed-1", "goal.safetensors"));
+    assert_eq!(json(&place.join("gnp-seed-1/run.json"))["seed"], 1);
+    let score = |content: &Value, model: &str| {
+        let scores = content["scores"].as_array().unwrap();
+        let is = |s: &&Value| {
+            s["model"] == model
+                && s["protocol"] == "clean"
+                && s["metric"] == "fde"
+                && s["horizon_s"] == 5.
+                && s["site"] == "all"
+                && s["manoeuvre"].is_null()
+        };
+        let found = scores.iter().find(is).unwrap();
+        (found["value"].as_f64().unwrap(), found["seeds"].as_u64().unwrap(), found["windows"].clone())
+    };
+    assert_eq!(score(&one, "IDM"), score(&two, "IDM"));
+    let (mean, seeds, windows) = score(&two, "gnp");
+    assert!(seeds == 2 && windows == score(&one, "gnp").2);
+    // The mean over seeds: the other seed lies as far on the other side.
+    let mut second = gnp::Run::open(&place.join("gnp-seed-1"), &gnp::Machine::default()).unwrap();
+    second.perform(gnp::Stage::Evaluate).unwrap();
+    let other = second.scores().unwrap().scores.into_iter().find(|score| {
+        (score.model.as_str(), score.metric.as_str(), score.horizon_s) == ("gnp", "fde", 5.)
+            && score.protocol == gnp_eval::Protocol::Clean
+            && score.site == gnp_eval::ALL_SITES
+            && score.manoeuvre.is_none()
+    });
+    assert!((mean - (score(&one, "gnp").0 + other.unwrap().value) / 2.).abs() < 1e-9);
+    let markdown = fs::read_to_string(place.join("table1.md")).unwrap();
+    for part in ["gnp (2 seeds)", "trained with 2 (0 to 1)", "by vehicle and seed", "vehicles and seeds resampled"] {
+        assert!(markdown.contains(part), "no `{part}` in:\n{markdown}");
+    }
+}
+
+#[test]
+fn ablations_have_one_seed() {
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let place = out.path().join("table");
+    run(&arguments("ablate", data.path(), &place, &config, &["--seeds", "2"])).badly(&["--seeds", "gnp compare"]);
+    assert!(!place.exists());
 }
 
 #[test]

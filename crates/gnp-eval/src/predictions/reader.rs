@@ -6,11 +6,12 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use gnp_data::{Explanation, Forecast, Mode, TermForces, WindowKey};
+use gnp_data::{Contribution, Explanation, Forecast, Mode, TermForces, WindowKey};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 
 use crate::error::{EvalError, PredictionProblem};
-use crate::predictions::schema::{Part, TERMS, sources_in_file};
+use crate::predictions::schema::{MODE_ORDER, PREDICTION_FIRST, Part, TERMS, sources_in_file};
+use crate::predictions::shares::Share;
 use crate::predictions::{Prediction, Predictions};
 
 mod columns;
@@ -42,13 +43,19 @@ struct Row {
     origin: Option<[f32; 2]>,
     /// Index of the row's explanation.
     explanation: Option<u32>,
+    /// The vehicle ahead.
+    leader: Option<u32>,
     /// Row of the file, from 0.
     row: u64,
 }
 
 /// Reads a Parquet file of predictions; rows may come in any order. Modes are sorted likeliest
-/// first, equally likely ones by their number. The model's name is the one in the file's metadata,
-/// or the file's own.
+/// first, equally likely ones by their number; in a file whose metadata says `mode_order =
+/// prediction_first`, as ours do, they keep the order of their numbers, because the prediction need
+/// not be the likeliest. The model's name is the one in the file's metadata, or the file's own.
+///
+/// What moved a vehicle comes back by kind of cause, as the file has it: farther leaders together, neighbours together,
+/// other terms together.
 ///
 /// # Errors
 /// When the file is not Parquet (uncompressed or snappy), a required column is missing or of another
@@ -96,7 +103,8 @@ fn read(file: File, detail: Detail) -> Result<(Provenance, Vec<Prediction>), Fai
     let provenance: Provenance = key_values.filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?))).collect();
     let terms = provenance.get(TERMS).and_then(|text| serde_json::from_str(text).ok());
     let columns = Columns::find(metadata.schema_descr(), terms, detail)?;
-    let mut content = Content::default();
+    let sorted = provenance.get(MODE_ORDER).is_none_or(|order| order != PREDICTION_FIRST);
+    let mut content = Content { by_probability: sorted, ..Content::default() };
     for group in 0..reader.num_row_groups() {
         let rows = columns.read(reader.get_row_group(group)?.as_ref(), content.rows.len() as u64)?;
         content.add(rows)?;
@@ -107,6 +115,8 @@ fn read(file: File, detail: Detail) -> Result<(Provenance, Vec<Prediction>), Fai
 /// All rows of a file.
 #[derive(Default)]
 struct Content {
+    /// Whether the numbers of modes mean nothing.
+    by_probability: bool,
     scenes: Vec<String>,
     index: BTreeMap<String, u32>,
     rows: Vec<Row>,
@@ -134,6 +144,7 @@ impl Content {
                 at: [group.number(i, "x")?, group.number(i, "y")?],
                 origin: group.origin(i),
                 explanation,
+                leader: group.leader(i),
                 row: group.row(i),
             });
         }
@@ -174,7 +185,9 @@ impl Content {
         };
         let modes = rows.chunk_by(|a, b| a.mode == b.mode).map(|rows| self.mode(&key, rows, explained));
         let mut modes = modes.collect::<Result<Vec<_>, _>>()?;
-        modes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        if self.by_probability {
+            modes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        }
         Ok(Prediction { key, origin: first.origin, forecast: Forecast { modes } })
     }
 
@@ -233,8 +246,18 @@ impl Content {
             let parameters = (0..descriptor.varying().count()).map(parameter).collect();
             terms.push(TermForces::new(Arc::clone(descriptor), sources, forces, parameters).with_totals(totals));
         }
-        let goal = of(&|part| matches!(part, Part::Goal { .. }));
-        (!terms.is_empty()).then(|| Explanation { goal: [goal[0], goal[1]], terms, ..Explanation::default() })
+        // What moved the vehicle, by kind; a kind that has a null in a row is not there.
+        let share = |share: Share| {
+            let values = of(&|part| matches!(part, Part::Share { share: s, .. } if s == share));
+            let there = !values.is_empty() && values.iter().all(|value| !value.is_nan());
+            there.then(|| Contribution { cause: share.cause(rows[0].leader), displacement: pairs(values) })
+        };
+        let contributions: Vec<_> = Share::ALL.into_iter().filter_map(share).collect();
+        let first = |values: Vec<f32>| pairs(values).first().copied().unwrap_or_default();
+        let goal = first(of(&|part| matches!(part, Part::Goal { .. })));
+        let velocity = first(of(&|part| matches!(part, Part::Velocity { .. })));
+        let velocity = if contributions.is_empty() { [0.; 2] } else { velocity };
+        (!terms.is_empty()).then_some(Explanation { goal, terms, velocity, contributions })
     }
 }
 

@@ -13,10 +13,18 @@ use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::schema::types::{Type, TypePtr};
 
+use crate::predictions::shares::{Share, Shares};
+
 /// Name and version of the schema in a file's key-value metadata.
 const SCHEMA: &str = "gnp-predictions 1";
 /// The key of the metadata under which the descriptors of the terms stand, as JSON.
 pub(super) const TERMS: &str = "terms";
+/// The key under which a file says in which order the numbers of its modes stand.
+pub(super) const MODE_ORDER: &str = "mode_order";
+/// The first mode is the prediction, which need not be the likeliest; the others follow by falling probability.
+pub(super) const PREDICTION_FIRST: &str = "prediction_first";
+/// The column of the vehicle whose share stands in `leader_dx`.
+pub(super) const LEADER: &str = "leader";
 
 /// One column of a prediction file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -156,22 +164,32 @@ pub(super) enum Part {
     Total { term: usize, axis: usize },
     Source { term: usize, slot: usize, axis: usize },
     Parameter { term: usize, index: usize, slot: usize },
+    Velocity { axis: usize },
+    Share { share: Share, axis: usize },
 }
 
 impl Part {
-    /// The term it belongs to; none for the goal.
+    /// The term it belongs to, if it is that of a term.
     pub(super) fn term(self) -> Option<usize> {
         match self {
-            Self::Goal { .. } => None,
+            Self::Goal { .. } | Self::Velocity { .. } | Self::Share { .. } => None,
             Self::Total { term, .. } | Self::Source { term, .. } | Self::Parameter { term, .. } => Some(term),
         }
     }
 
-    /// The number in a step, for a goal and the terms that act.
-    pub(super) fn value(self, goal: [f32; 2], terms: &[Option<&TermForces>], step: usize) -> Option<f32> {
+    /// Whether it belongs to what moved the vehicle by kind of cause.
+    pub(super) fn is_share(self) -> bool {
+        matches!(self, Self::Velocity { .. } | Self::Share { .. })
+    }
+
+    /// The number in a step.
+    pub(super) fn value(self, explained: &ExplainedMode<'_>, step: usize) -> Option<f32> {
+        let ExplainedMode { goal, terms, shares } = explained;
         let of = |term: usize| terms.get(term).copied().flatten().filter(|term| step < term.totals().len());
         match self {
             Self::Goal { axis } => Some(goal[axis]),
+            Self::Velocity { axis } => Some(shares.velocity?[axis]),
+            Self::Share { share, axis } => shares.displacement(share, step, axis),
             Self::Total { term, axis } => of(term).map(|term| term.total(step)[axis]),
             Self::Source { term, slot, axis } => {
                 of(term).map(|term| term.forces(step).get(slot).map_or(0., |force| force[axis]))
@@ -183,14 +201,22 @@ impl Part {
     }
 }
 
+/// What explains one mode, ready to be written.
+pub(super) struct ExplainedMode<'a> {
+    pub(super) goal: [f32; 2],
+    /// As in the list that the columns are made from; none for a term that does not act.
+    pub(super) terms: Vec<Option<&'a TermForces>>,
+    pub(super) shares: Shares,
+}
+
 /// The terms whose columns every file has: those of the published force.
 pub(super) fn published() -> Vec<Arc<TermDescriptor>> {
     let laws: [&dyn ForceTerm<f32>; 3] = [&GoalAttraction, &VehicleRepulsion, &LineRepulsion];
     laws.map(|law| Arc::new(law.descriptor().clone())).to_vec()
 }
 
-/// The columns that explain a step by these terms: the goal, the sum of each term, single sources, parameters. Single lane
-/// lines differ in number from road to road and have no column.
+/// The columns that explain a step by these terms: the goal, the sum of each term, single sources, parameters, and what
+/// moved the vehicle by kind of cause. Single lane lines differ in number from road to road and have no column.
 pub(super) fn explaining(terms: &[Arc<TermDescriptor>]) -> Vec<Explaining> {
     let published = published();
     let mut columns = Vec::new();
@@ -245,6 +271,16 @@ pub(super) fn explaining(terms: &[Arc<TermDescriptor>]) -> Vec<Explaining> {
             }
         }
     }
+    for (axis, (letter, way)) in ways.into_iter().enumerate() {
+        let meaning = format!("velocity that the displacements by cause are counted from, {way}");
+        add(format!("velocity_{letter}"), "m/s", meaning, Part::Velocity { axis });
+    }
+    for share in Share::ALL {
+        for (axis, (letter, way)) in ways.into_iter().enumerate() {
+            let meaning = format!("{}, {way}; null without such a cause", share.meaning());
+            add(format!("{}_d{letter}", share.name()), "m", meaning, Part::Share { share, axis });
+        }
+    }
     columns
 }
 
@@ -259,7 +295,8 @@ pub(super) fn sources_in_file(arity: Arity) -> usize {
 
 /// The schema of a prediction file with the published terms of the force, in the order of its columns. Columns that are
 /// not required may be missing or hold nulls; forces are accelerations. Another term adds columns of its own: `NAME_force_x`
-/// and `_y`, by slot `NAME_force_SLOT_x`, and for its parameters `NAME_PARAMETER`.
+/// and `_y`, by slot `NAME_force_SLOT_x`, and for its parameters `NAME_PARAMETER`. `velocity` times the time and all
+/// `_dx` and `_dy` columns add up to `x` and `y`.
 #[must_use]
 pub fn prediction_columns() -> Vec<ColumnInfo> {
     all_columns(&published())
@@ -273,7 +310,14 @@ fn all_columns(terms: &[Arc<TermDescriptor>]) -> Vec<ColumnInfo> {
         required: column.required,
         meaning: column.meaning.to_owned(),
     });
-    always.chain(explaining(terms).into_iter().map(|column| column.info)).collect()
+    let leader = ColumnInfo {
+        name: LEADER.to_owned(),
+        kind: Kind::Whole.name(),
+        unit: String::new(),
+        required: false,
+        meaning: "vehicle of the recording that is nearest ahead in the lane; null without one".to_owned(),
+    };
+    always.chain(explaining(terms).into_iter().map(|column| column.info)).chain([leader]).collect()
 }
 
 fn slot_name(slot: Slot) -> &'static str {
@@ -305,7 +349,8 @@ pub(super) fn parquet_schema(explaining: &[Explaining]) -> Result<TypePtr, Parqu
     };
     let always = COLUMNS.iter().map(|column| field(column.name, column.kind, Repetition::REQUIRED));
     let explaining = explaining.iter().map(|column| field(&column.info.name, Kind::Number, Repetition::OPTIONAL));
-    let fields = always.chain(explaining).collect::<Result<Vec<_>, ParquetError>>()?;
+    let leader = field(LEADER, Kind::Whole, Repetition::OPTIONAL);
+    let fields = always.chain(explaining).chain([leader]).collect::<Result<Vec<_>, ParquetError>>()?;
     Ok(Arc::new(Type::group_type_builder("predictions").with_fields(fields).build()?))
 }
 
@@ -324,6 +369,7 @@ impl Provenance {
             ("uses_future", self.uses_future.to_string()),
             ("frame", "x forward, y to the left, origin at the last observed centre of the box".to_owned()),
             ("units", units.join(", ")),
+            (MODE_ORDER, PREDICTION_FIRST.to_owned()),
             (TERMS, serde_json::to_string(&described).unwrap_or_default()),
         ];
         pairs.into_iter().map(|(key, value)| KeyValue::new(key.to_owned(), value)).collect()
@@ -347,6 +393,10 @@ mod tests {
         expected.extend(slots.into_iter().flat_map(|slot| xy(format!("force_{slot}"))));
         expected.push("tau".to_owned());
         expected.extend(slots.map(|slot| format!("k_{slot}")));
+        expected.extend(xy("velocity".to_owned()));
+        for cause in ["free_road", "leader", "column", "intention", "neighbours", "other"] {
+            expected.extend([format!("{cause}_dx"), format!("{cause}_dy")]);
+        }
         assert_eq!(names, expected);
     }
 

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gnp_data::{Dataset, Explanation, Mode, TermForces};
+use gnp_data::{Cause, Contribution, Dataset, Explanation, Mode, TermForces};
 use gnp_force::{Arity, TermDescriptor, TermParameter};
 use parquet::basic::Type as PhysicalType;
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
@@ -99,6 +99,86 @@ fn predictions_come_back_as_they_were() {
         assert!(read.provenance()["units"].contains("x m,"));
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
+}
+
+/// A mode with what moved it; the vehicle is too large for a single-precision number.
+fn accounted(contributions: Vec<Contribution>) -> Mode {
+    let mut mode = mode(1., 5, 1.5, true);
+    let explanation = mode.explanation.as_mut().unwrap();
+    explanation.velocity = [11.5, -0.25];
+    explanation.contributions = contributions;
+    mode.path = explanation.path(0.2);
+    mode
+}
+
+fn moved(cause: Cause, by: f32) -> Contribution {
+    Contribution { cause, displacement: (1..=5).map(|step| [by * step as f32, -0.5 * by]).collect() }
+}
+
+#[test]
+fn what_moved_a_vehicle_comes_back_by_kind_of_cause_and_still_adds_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    let leader = |vehicle, place| Cause::Leader { vehicle, place };
+    let term = |name: &str| Cause::Term(name.to_owned());
+    let neighbour = |vehicle| Cause::Neighbour { vehicle };
+    let written = accounted(vec![
+        moved(Cause::FreeRoad, 0.5),
+        moved(leader(4_000_000_001, 1), -2.),
+        moved(leader(35, 2), 0.25),
+        moved(leader(36, 3), -0.75),
+        moved(Cause::Intention, 1.5),
+        moved(neighbour(7), 0.125),
+        moved(neighbour(8), -0.5),
+        moved(term("lines"), 0.25),
+        moved(term("drag"), -1.),
+    ]);
+    let alone = accounted(vec![moved(Cause::FreeRoad, 0.5), moved(Cause::Intention, -0.5)]);
+    let predictions = [(3, written.clone()), (5, alone.clone())].map(|(vehicle, mode)| Prediction {
+        key: key("a", vehicle, 1),
+        origin: Some([0., 0.]),
+        forecast: Forecast { modes: vec![mode] },
+    });
+    write(&path, &predictions);
+    let read = read_predictions(&path, Detail::Explanations).unwrap();
+    let explained = |vehicle| read.get(&key("a", vehicle, 1)).unwrap().forecast.modes[0].explanation.clone().unwrap();
+    let found = explained(3);
+    let expected = [
+        moved(Cause::FreeRoad, 0.5),
+        moved(leader(4_000_000_001, 1), -2.),
+        moved(Cause::FartherLeaders, -0.5),
+        moved(Cause::Intention, 1.5),
+        moved(Cause::Neighbours, -0.375),
+        moved(term("other"), -0.75),
+    ];
+    assert_eq!((&found.contributions[..], found.velocity), (&expected[..], [11.5, -0.25]));
+    for (a, b) in found.path(0.2).iter().zip(&written.path) {
+        assert!((a[0] - b[0]).abs() < 1e-5 && (a[1] - b[1]).abs() < 1e-5, "{a:?} {b:?}");
+    }
+    assert_eq!(explained(5), alone.explanation.unwrap(), "no leader, no neighbour: nothing is made up");
+    // Written once more, nothing changes.
+    let again = folder.path().join("again.parquet");
+    write(&again, &read.iter().cloned().collect::<Vec<_>>());
+    assert_eq!(
+        read_predictions(&again, Detail::Explanations).unwrap().iter().collect::<Vec<_>>(),
+        read.iter().collect::<Vec<_>>()
+    );
+}
+
+#[test]
+fn the_prediction_stays_first_where_a_file_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("predictions.parquet");
+    let mut written = samples(false);
+    written[0].forecast.modes.swap(0, 2);
+    write(&path, &written);
+    let read = read_predictions(&path, Detail::Paths).unwrap();
+    let probabilities = |read: &Predictions| -> Vec<f32> {
+        read.iter().last().unwrap().forecast.modes.iter().map(|mode| mode.probability).collect()
+    };
+    assert_eq!(probabilities(&read), [0.1, 0.3, 0.6]);
+    // A foreign file that numbers the likeliest last does not say so: see `a_foreign_file_is_read`.
+    assert_eq!(read.provenance()["mode_order"], "prediction_first");
 }
 
 /// Terms that this crate does not know, one of one source and one of every slot.

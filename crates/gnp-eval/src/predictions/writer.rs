@@ -15,8 +15,9 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 
 use crate::error::EvalError;
 use crate::predictions::schema::{
-    COLUMNS, Cell, Explaining, Kind, Provenance, Row, explaining, parquet_schema, published,
+    COLUMNS, Cell, ExplainedMode, Explaining, Kind, Provenance, Row, explaining, parquet_schema, published,
 };
+use crate::predictions::shares::Shares;
 
 /// Rows held in memory before they are written, about 12 MB.
 const GROUP_ROWS: usize = 1 << 16;
@@ -60,7 +61,8 @@ impl Columns {
 struct Rows {
     count: usize,
     always: Vec<Values>,
-    explaining: Vec<Nullable>,
+    explaining: Vec<Nullable<f32>>,
+    leader: Nullable<i32>,
 }
 
 /// Values of a column.
@@ -72,8 +74,8 @@ enum Values {
 
 /// Values of a column with nulls, and 1 for each row that has one.
 #[derive(Clone, Default)]
-struct Nullable {
-    values: Vec<f32>,
+struct Nullable<T> {
+    values: Vec<T>,
     levels: Vec<i16>,
 }
 
@@ -102,16 +104,18 @@ impl PredictionWriter {
                 self.settle(explanation);
             }
             let columns = self.columns.as_ref();
-            let terms: Vec<_> = match (columns, explanation) {
+            let explained = match (columns, explanation) {
                 (Some(columns), Some(explanation)) => {
                     let unknown = |name: &str| columns.terms.iter().all(|known| known.name != name);
                     if let Some(term) = explanation.terms.iter().find(|term| unknown(&term.term().name)) {
                         return Err(EvalError::Term { path: self.path.clone(), term: term.term().name.to_string() });
                     }
-                    columns.terms.iter().map(|known| explanation.term(&known.name)).collect()
+                    let terms = columns.terms.iter().map(|known| explanation.term(&known.name)).collect();
+                    Some(ExplainedMode { goal: explanation.goal, terms, shares: Shares::of(explanation) })
                 }
-                _ => Vec::new(),
+                _ => None,
             };
+            let steps = explanation.map_or(0, Explanation::steps);
             for (j, at) in mode.path.iter().enumerate() {
                 let row = Row {
                     scene: &scene,
@@ -123,11 +127,12 @@ impl PredictionWriter {
                     at: *at,
                     origin,
                 };
-                let explained = explanation.filter(|explanation| j < explanation.steps());
+                let explained = explained.as_ref().filter(|_| j < steps);
                 self.rows.push(&row);
+                self.rows.leader.push(explained.and_then(|explained| explained.shares.leader).map(|it| it as i32));
                 for (values, column) in self.rows.explaining.iter_mut().zip(columns.iter().flat_map(|c| &c.explaining))
                 {
-                    values.push(explained.and_then(|explanation| column.part.value(explanation.goal, &terms, j)));
+                    values.push(explained.and_then(|explained| column.part.value(explained, j)));
                 }
             }
         }
@@ -228,12 +233,12 @@ impl Rows {
         for Nullable { values, levels } in &self.explaining {
             write_column::<FloatType>(group, values, Some(levels))?;
         }
-        Ok(())
+        write_column::<Int32Type>(group, &self.leader.values, Some(&self.leader.levels))
     }
 }
 
-impl Nullable {
-    fn push(&mut self, value: Option<f32>) {
+impl<T> Nullable<T> {
+    fn push(&mut self, value: Option<T>) {
         self.levels.push(i16::from(value.is_some()));
         self.values.extend(value);
     }

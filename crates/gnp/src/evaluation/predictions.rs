@@ -6,6 +6,7 @@ use gnp_baselines::ConstantVelocity;
 use gnp_data::{Dataset, Forecast, Observation, OraclePredictor, PredictError, Predictor, Window, WindowSet};
 use gnp_eval::{Detail, EvalConfig, Predictions, Protocol, read_predictions};
 
+use super::faithfulness::Measured;
 use super::systems::System;
 use super::{Material, Scores, evaluate, split_description};
 use crate::config::RunConfig;
@@ -100,7 +101,7 @@ fn score(
     }
     let config = EvalConfig { protocols, ..config.evaluate.clone() };
     let evaluation = evaluate(material, &systems, &config, machine)?;
-    let scores = Scores::of(&evaluation, &name, material.split.clone(), &config.bootstrap)?;
+    let scores = Scores::of(&evaluation, &Measured::default(), &name, material.split.clone(), &config.bootstrap)?;
     if let Some(draft) = out {
         let heading = format!("# Scores of {name}\n\nOn {}. Lengths in m.\n", material.data.description);
         scores.save(draft.path(), &heading)?;

@@ -2,11 +2,14 @@
 
 use gnp_data::{Forecast, Observation, OraclePredictor, PredictError, Predictor, Window};
 use gnp_eval::EvaluatedModel;
+use gnp_model::Gnp;
 
 /// A system under the name of its row.
 pub(crate) struct System {
     name: String,
     model: Model,
+    /// The same predictor with its forecasts explained, where it can do so.
+    explaining: Option<Box<dyn Predictor>>,
 }
 
 enum Model {
@@ -22,12 +25,23 @@ impl System {
 
     /// The same of a predictor on the heap.
     pub(crate) fn boxed(name: impl Into<String>, model: Box<dyn Predictor>) -> Self {
-        Self { name: name.into(), model: Model::Blind(model) }
+        Self { name: name.into(), model: Model::Blind(model), explaining: None }
     }
 
     /// A system that is handed recorded futures.
     pub(crate) fn oracle(name: impl Into<String>, model: impl OraclePredictor + 'static) -> Self {
-        Self { name: name.into(), model: Model::Oracle(Box::new(model)) }
+        Self { name: name.into(), model: Model::Oracle(Box::new(model)), explaining: None }
+    }
+
+    /// GNP, which explains itself.
+    pub(crate) fn gnp(name: impl Into<String>, model: Gnp) -> Self {
+        let explaining: Box<dyn Predictor> = Box::new(model.clone().explaining(true));
+        Self { explaining: Some(explaining), ..Self::predictor(name, model) }
+    }
+
+    /// The predictor with its forecasts explained; `None` for one that does not explain itself.
+    pub(crate) fn explaining(&self) -> Option<&dyn Predictor> {
+        self.explaining.as_deref()
     }
 
     /// Its row.

@@ -10,6 +10,7 @@ use gnp_plot::Source;
 use serde::Serialize;
 
 use crate::evaluation::Scores;
+use crate::evaluation::faithfulness::{Faithfulness, Measured};
 use crate::evaluation::systems::System;
 use crate::figures;
 use crate::run::Run;
@@ -28,6 +29,8 @@ pub(crate) struct Report<'a> {
     pub(crate) ours: &'static str,
     /// Systems that are missing, and why.
     pub(crate) missing: &'a [String],
+    /// Seeds that our system was trained with.
+    pub(crate) seeds: usize,
     /// What the papers print.
     pub(crate) printed: &'a [Printed],
 }
@@ -43,17 +46,21 @@ struct Content<'a> {
     windows: usize,
     rate_hz: f64,
     seed: u64,
+    /// From `seed` on; of our system alone.
+    seeds: usize,
     version: &'static str,
     systems: &'a [String],
     missing: &'a [String],
     scores: &'a [Score],
     differences: &'a [Comparison],
+    faithfulness: &'a [Faithfulness],
     printed_not_re_run: &'a [Printed],
 }
 
 /// Systems scored: of one split, or of the folds of one pooled.
 pub(crate) struct Scored {
     evaluation: Evaluation,
+    faithfulness: Measured,
     /// Names, in the order of the rows.
     systems: Vec<String>,
     /// How the windows were parted, in words.
@@ -65,9 +72,16 @@ pub(crate) struct Scored {
 
 impl Scored {
     /// What `systems` got on a part of a split.
-    pub(crate) fn new(systems: &[System], evaluation: Evaluation, words: String, split: &Split, run: Run) -> Self {
+    pub(crate) fn new(
+        systems: &[System],
+        (evaluation, faithfulness): (Evaluation, Measured),
+        words: String,
+        split: &Split,
+        run: Run,
+    ) -> Self {
         Self {
             evaluation,
+            faithfulness,
             systems: systems.iter().map(|system| system.name().to_owned()).collect(),
             split: words,
             hashes: vec![split.hash().to_owned()],
@@ -81,6 +95,7 @@ impl Scored {
     /// When the folds do not have the same systems.
     pub(crate) fn pooled(mut self, fold: Self) -> Result<Self> {
         self.evaluation = self.evaluation.pooled(fold.evaluation)?;
+        self.faithfulness = self.faithfulness.pooled(fold.faithfulness);
         self.hashes.extend(fold.hashes);
         Ok(self)
     }
@@ -109,7 +124,8 @@ impl Scored {
 /// When a file cannot be written.
 pub(crate) fn write_report(report: &Report<'_>, scored: &Scored, folder: &Path) -> Result<()> {
     let Scored { evaluation, run, .. } = scored;
-    let scores = Scores::of(evaluation, report.ours, scored.split(), &run.config.evaluate.bootstrap)?;
+    let bootstrap = &run.config.evaluate.bootstrap;
+    let scores = Scores::of(evaluation, &scored.faithfulness, report.ours, scored.split(), bootstrap)?;
     run.result(&format!("\n{} on {}", report.title, run.folder.state.data.description));
     scores.show(run.machine.progress.as_ref());
     let markdown = scores.markdown(&heading(report, scored)) + &printed::markdown(report.printed);
@@ -125,11 +141,13 @@ pub(crate) fn write_report(report: &Report<'_>, scored: &Scored, folder: &Path) 
         windows: evaluation.setting().windows,
         rate_hz: evaluation.setting().rate_hz,
         seed: run.config.seed,
+        seeds: report.seeds,
         version: env!("CARGO_PKG_VERSION"),
         systems: &scored.systems,
         missing: report.missing,
         scores: &scores.scores,
         differences: &scores.differences,
+        faithfulness: &scores.faithfulness,
         printed_not_re_run: report.printed,
     };
     save_comparisons(&folder.join("differences.json"), &scores.differences)?;
@@ -162,14 +180,19 @@ fn heading(report: &Report<'_>, scored: &Scored) -> String {
             " Cross-validation in {folds} folds: each window is scored once, by models trained on the other folds."
         ),
     };
+    let (first, ours) = (run.config.seed, report.ours);
+    let seeds = match report.seeds {
+        1 => format!("Seed {first}."),
+        seeds => format!(
+            "Seeds: {ours} was trained with {seeds} ({first} to {}), all others with the first. A row of {seeds} seeds is \
+             the mean over them of what each window contributes, and its intervals draw seeds as well as vehicles.",
+            first.wrapping_add(seeds as u64 - 1)
+        ),
+    };
     let mut text = format!(
-        "# {}\n\n{} On {}. Seed {}. All systems are scored on the same windows.{folds} Lengths in m. Intervals: middle 95 % \
+        "# {}\n\n{} On {}. {seeds} All systems are scored on the same windows.{folds} Lengths in m. Intervals: middle 95 % \
          of {} draws of vehicles with replacement. Systems marked *future input* are handed recorded futures.\n",
-        report.title,
-        report.about,
-        run.folder.state.data.description,
-        run.config.seed,
-        run.config.evaluate.bootstrap.resamples
+        report.title, report.about, run.folder.state.data.description, run.config.evaluate.bootstrap.resamples
     );
     if !report.missing.is_empty() {
         let _ = write!(text, "\nNot in this table:\n\n");

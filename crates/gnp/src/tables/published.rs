@@ -7,7 +7,7 @@ use crate::error::{Result, bail};
 use crate::evaluation::systems::System;
 use crate::run::folder::Stage;
 use crate::tables::Fold;
-use crate::tables::variants::beside;
+use crate::tables::derived::beside;
 
 /// Its row.
 pub(crate) const NAME: &str = "GNP as published";

@@ -4,11 +4,9 @@
 //! that does has a folder of its own, which starts as a copy of the full model's with only the stages
 //! that the change reaches left to do: the split, and with it the windows, stays the same.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use crate::error::{Context as _, Result};
-use crate::evaluation::rules;
+use crate::error::Result;
 use crate::evaluation::systems::System;
 use crate::machine::Machine;
 use crate::run::Run;
@@ -17,8 +15,8 @@ use gnp_model::{Checkpoint, Gnp, NeighbourFuture, NeighbourInput, ReferencePath}
 use gnp_modes::Modes;
 
 use crate::config::{RunConfig, Setting};
-use crate::data::ingest::RECORDINGS;
-use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
+use crate::run::folder::{RunFolder, Stage};
+use crate::tables::derived::beside;
 
 /// One row of the ablation table.
 #[derive(Clone, Copy, Debug)]
@@ -204,58 +202,6 @@ impl Variant {
 }
 
 const SAME: &str = "the configuration is like that";
-
-/// The run of another model on the windows of the run `full`, in `place`: started there with the stages `redo` left to
-/// do unless it is there.
-///
-/// # Errors
-/// When it cannot be made, or was made of another configuration.
-pub(crate) fn beside(
-    full: &RunFolder,
-    config: &RunConfig,
-    redo: &[Stage],
-    place: &Path,
-    machine: &Machine,
-) -> Result<Run> {
-    if !occupied(place)? {
-        let draft = Draft::start(place, "remove it")?;
-        copy(full, redo, draft.path())?;
-        write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
-        let kept = |stage: &Stage| !redo.contains(stage) && *stage < Stage::Evaluate;
-        let finished = full.state.finished.clone().into_iter().filter(|(stage, _)| kept(stage)).collect();
-        write_state(draft.path(), &RunState { finished, ..full.state.clone() })?;
-        draft.publish()?;
-    }
-    let folder = RunFolder::open(place)?;
-    let earlier = RunConfig::read(&folder.path("config.toml"), &[])?;
-    config.expect_same(&earlier, place)?;
-    Ok(Run::new(folder, config, machine))
-}
-
-/// What a new variant takes over: recordings, split, and the files of stages that are not done anew.
-fn copy(full: &RunFolder, redo: &[Stage], to: &Path) -> Result<()> {
-    let mut files: Vec<PathBuf> = ["ingest.json", "ingest.txt", "split.json"].map(PathBuf::from).into();
-    let trained = [Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
-    let kept = trained.into_iter().filter(|stage| !redo.contains(stage));
-    files.extend(kept.map(|stage| PathBuf::from(format!("{}.safetensors", stage.name()))));
-    // Fitted to the same windows; without it they are fitted again.
-    files.extend(Some(PathBuf::from(rules::FILE)).filter(|file| full.path(file).exists()));
-    let recordings = Path::new(RECORDINGS);
-    let from = full.path(recordings);
-    let cannot = |path: &Path| format!("cannot copy {}", path.display());
-    fs::create_dir(to.join(recordings)).with_context(|| cannot(&from))?;
-    for entry in fs::read_dir(&from).with_context(|| cannot(&from))? {
-        files.push(recordings.join(entry.with_context(|| cannot(&from))?.file_name()));
-    }
-    for file in files {
-        let (from, to) = (full.path(&file), to.join(&file));
-        // Nobody writes into a finished file, so one on the disk is enough where links are possible.
-        if fs::hard_link(&from, &to).is_err() {
-            fs::copy(&from, &to).with_context(|| cannot(&from))?;
-        }
-    }
-    Ok(())
-}
 
 #[cfg(test)]
 mod tests {

@@ -14,7 +14,7 @@ use parquet::schema::types::{ColumnDescriptor, SchemaDescriptor};
 
 use super::{Detail, Failure, within};
 use crate::error::PredictionProblem;
-use crate::predictions::schema::{COLUMNS, Explaining, Kind, explaining, published};
+use crate::predictions::schema::{COLUMNS, Explaining, Kind, LEADER, Part, explaining, published};
 
 /// Where the columns of a prediction file stand.
 pub(super) struct Columns {
@@ -63,6 +63,13 @@ impl Columns {
                 terms.map_or_else(published, |t| t.into_iter().map(Arc::new).collect()),
             )?,
         };
+        if explained.columns.iter().any(|column| column.part.is_share())
+            && let Some(index) = by_name.get(LEADER)
+        {
+            let column = schema.column(*index);
+            check_type(&column, Kind::Whole)?;
+            found.push((LEADER, *index, column.converted_type() == ConvertedType::UINT_32));
+        }
         Ok(Self { found, explained })
     }
 
@@ -101,14 +108,20 @@ impl Explained {
         mut terms: Vec<Arc<TermDescriptor>>,
     ) -> Result<Self, PredictionProblem> {
         let absent = |column: &Explaining| !by_name.contains_key(&column.info.name);
-        let missing: Vec<Option<usize>> =
-            explaining(&terms).iter().filter(|column| absent(column)).map(|column| column.part.term()).collect();
+        let missing: Vec<Part> =
+            explaining(&terms).iter().filter(|column| absent(column)).map(|column| column.part).collect();
         let mut number = 0..;
-        terms.retain(|_| !missing.contains(&number.next()));
-        if missing.contains(&None) || terms.is_empty() {
+        terms.retain(|_| {
+            let term = number.next();
+            missing.iter().all(|part| part.term().is_none() || part.term() != term)
+        });
+        if missing.iter().any(|part| matches!(part, Part::Goal { .. })) || terms.is_empty() {
             return Ok(Self::default());
         }
-        let columns = explaining(&terms);
+        let mut columns = explaining(&terms);
+        if missing.iter().any(|part| part.is_share()) {
+            columns.retain(|column| !column.part.is_share());
+        }
         let indices: Vec<usize> = columns.iter().filter_map(|column| by_name.get(&column.info.name).copied()).collect();
         for index in &indices {
             check_type(&schema.column(*index), Kind::Number)?;
@@ -186,6 +199,12 @@ impl GroupRows {
     pub(super) fn origin(&self, i: usize) -> Option<[f32; 2]> {
         let of = |column| self.number.get(column)?.get(i).copied().flatten();
         Some([of("origin_x")?, of("origin_y")?])
+    }
+
+    /// The vehicle ahead, where the file names it.
+    pub(super) fn leader(&self, i: usize) -> Option<u32> {
+        let cell = self.whole.get(LEADER)?.get(i).copied().flatten()?;
+        u32::try_from(cell).ok()
     }
 
     /// Appends the explaining numbers of a row, where it has a goal; NaN stands for a null.

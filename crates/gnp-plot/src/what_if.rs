@@ -1,0 +1,118 @@
+//! A forecast as it is and in a changed scene, under each other, and the difference by cause.
+
+use gnp_data::Account;
+
+use crate::axes::shown;
+use crate::causes::{DrawnPart, bars, bars_of, drawn};
+use crate::figure::{Figure, Legend, Sheet, Source};
+use crate::palette::{BEST, INK};
+use crate::road_view::{AXIS_SPACE, HIGHEST, Paths, RoadView, path_legend, thinned};
+use crate::scene::{Scene, VehicleBox};
+use crate::svg::Svg;
+
+/// A vehicle that is spoken of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mark {
+    /// Where it is at the last observed frame.
+    pub at: VehicleBox,
+    /// What is written beside it, such as its number.
+    pub label: String,
+    /// Whether the changed scene does without it: there its box is dashed.
+    pub gone: bool,
+}
+
+/// Two forecasts of one moment.
+#[derive(Clone, Debug)]
+pub struct WhatIf<'a> {
+    /// What was changed, such as `without vehicle 34`.
+    pub what: &'a str,
+    /// As it is.
+    pub before: &'a Scene,
+    /// With the change.
+    pub after: &'a Scene,
+    /// Vehicles that are spoken of.
+    pub marks: &'a [Mark],
+    /// What the change does to the prediction, cause by cause: [`Account::change_to`].
+    pub change: &'a Account,
+}
+
+/// Both scenes on one scale, the first prediction in the second one too; below, what the difference is made of.
+#[must_use]
+pub fn what_if(name: &str, title: &str, both: &WhatIf<'_>, source: &Source) -> Figure {
+    let WhatIf { what, before, after, marks, change } = both;
+    let mut sheet = Sheet::new(name, title);
+    sheet.note(&before.title);
+    sheet.y = path_legend(&mut sheet.svg, sheet.y, "prediction", "other futures");
+    sheet.y = ghost_legend(&mut sheet.svg, sheet.y);
+    let seen: Vec<[f32; 2]> = marks
+        .iter()
+        .flat_map(|mark| [-0.5f32, 0.5].map(|half| [mark.at.centre[0] + half * mark.at.size[0], mark.at.centre[1]]))
+        .collect();
+    for (scene, words, changed) in [(before, "As it is:", false), (after, *what, true)] {
+        let words = if changed { format!("{}:", capital(words)) } else { words.to_owned() };
+        sheet.note(&words);
+        let view = RoadView::fit_all(&[*before, *after], &seen, sheet.y + 3., HIGHEST);
+        sheet.svg.group(if changed { "class=\"scene changed\"" } else { "class=\"scene\"" });
+        sheet.svg.clipped(name, view.panel.place);
+        view.road(&mut sheet.svg, scene);
+        view.vehicles(&mut sheet.svg, scene);
+        view.paths(&mut sheet.svg, scene, Paths::Likeliest);
+        if changed && let Some(mode) = before.modes.first() {
+            let mut points = vec![view.panel.at(0., 0.)];
+            points.extend(view.panel.points(&mode.path));
+            sheet.svg.path(&thinned(points, 40), &ghost("as-it-is"));
+        }
+        for mark in *marks {
+            drawn_mark(&mut sheet.svg, &view, mark, changed);
+        }
+        sheet.svg.end();
+        view.frame(&mut sheet.svg);
+        sheet.svg.end();
+        sheet.y = view.bottom() + AXIS_SPACE;
+    }
+    sheet.note(&change.sentence_of_change(&capital(what)));
+    let mut parts = drawn(change);
+    let start = change.velocity[0] * (change.dt * change.steps() as f64) as f32;
+    if start.abs() >= 0.05 {
+        let displacement = (1..=change.steps()).map(|step| change.constant_velocity(step)).collect();
+        let name = "constant velocity".to_owned();
+        parts.insert(0, DrawnPart { name, colour: INK.to_owned(), displacement });
+    }
+    let seconds = shown((change.dt * change.steps() as f64 * 100.).round() / 100.);
+    bars(&mut sheet, &bars_of(&parts, 0, "difference"), &format!("farther than as it is, after {seconds} s (m)"));
+    let caption = format!(
+        "{title}. The forecast as it is and {what}, on one scale; the prediction as it is stands dashed in the second \
+         scene. Below: the difference of both predictions along the road at the end, by cause."
+    );
+    sheet.finish(&caption, source)
+}
+
+fn ghost(class: &str) -> String {
+    format!("class=\"{class}\" fill=\"none\" stroke=\"{BEST}\" stroke-width=\"1.2\" stroke-dasharray=\"1.5 2\"")
+}
+
+fn ghost_legend(svg: &mut Svg, y: f64) -> f64 {
+    let mut legend = Legend::under(y);
+    let words = "prediction as it is";
+    let [x, y] = legend.place(22., words);
+    svg.line([x, y - 3.], [x + 18., y - 3.], &ghost("key"));
+    svg.text([x + 22., y], words, &format!("font-size=\"9\" fill=\"{INK}\""));
+    legend.bottom()
+}
+
+fn drawn_mark(svg: &mut Svg, view: &RoadView, mark: &Mark, changed: bool) {
+    let gone = changed && mark.gone;
+    let dashes = if gone { "stroke-dasharray=\"2 1.5\"" } else { "" };
+    let style = format!("class=\"mark\" fill=\"none\" stroke=\"{INK}\" stroke-width=\"1.1\" {dashes}");
+    view.vehicle(svg, mark.at.centre, mark.at.size, &style);
+    let [x, y] = mark.at.centre;
+    let [left, top] = view.panel.at(x.into(), (y + mark.at.size[1] / 2.).into());
+    let style = "font-size=\"9\" text-anchor=\"middle\" stroke=\"#ffffff\" stroke-width=\"2\" paint-order=\"stroke\"";
+    svg.text([left, top - 2.5], &mark.label, &format!("class=\"label\" {style} fill=\"{INK}\""));
+}
+
+/// With a capital letter, as a sentence begins.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}

@@ -1,0 +1,151 @@
+//! The moment that a question is about.
+
+use std::collections::BTreeSet;
+
+use gnp_data::{Cause, Observation, Predictor as _, Recording, WindowId};
+use gnp_model::Gnp;
+
+use super::{Moment, Question};
+use crate::error::{Result, bail};
+use crate::run::Run;
+
+/// Most forecasts that are made to choose one; of more, every n-th is.
+const MOST: usize = 500;
+/// Most numbers that a message lists.
+const LISTED: usize = 24;
+
+/// Of the moments that fit the question, the one in which a leader moves the vehicle most.
+pub(super) fn moment<'a>(run: &'a Run, gnp: &Gnp, question: &Question) -> Result<Moment<'a>> {
+    let recordings = run.recordings()?;
+    if let Some(name) = &question.recording
+        && recordings.iter().all(|recording| recording.meta().name != *name)
+    {
+        let names: Vec<&str> = recordings.iter().map(|recording| recording.meta().name.as_str()).collect();
+        bail!(Recordings, "the run has no recording {name}; it has {}", names.join(", "));
+    }
+    let fitting = match question.frame {
+        Some(frame) => at_frame(run, question, frame)?,
+        None => windows(run, question)?,
+    };
+    let every = fitting.len().div_ceil(MOST).max(1);
+    let candidates: Vec<Moment<'a>> = fitting.into_iter().step_by(every).collect();
+    let seen: Vec<Observation<'_>> = candidates.iter().map(|moment| moment.observation).collect();
+    let mut parts = Vec::with_capacity(seen.len());
+    if seen.len() > 1 {
+        for batch in seen.chunks(run.config.evaluate.batch) {
+            run.machine.stop.check()?;
+            parts.extend(gnp.predict(batch, 1)?.iter().map(leader_part));
+        }
+    }
+    let best = (0..parts.len()).max_by(|a, b| parts[*a].total_cmp(&parts[*b]).then(b.cmp(a))).unwrap_or(0);
+    match candidates.into_iter().nth(best) {
+        Some(moment) => Ok(moment),
+        None => bail!(Recordings, "no vehicle of the run can be explained"),
+    }
+}
+
+/// How far one leader moves the prediction at its end, m, the one that moves it most.
+fn leader_part(forecast: &gnp_data::Forecast) -> f32 {
+    let explanation = forecast.modes.first().and_then(|mode| mode.explanation.as_ref());
+    let parts = explanation.into_iter().flat_map(|explanation| &explanation.contributions);
+    let leaders = parts.filter(|part| matches!(part.cause, Cause::Leader { .. }));
+    leaders.map(|part| part.at_end()[0].abs()).fold(0., f32::max)
+}
+
+/// Evaluated windows that fit, or any that do.
+fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Moment<'a>>> {
+    let set = run.windows()?;
+    let fits = |id: &WindowId| {
+        set.get(*id).is_some_and(|window| {
+            let key = window.key();
+            question.recording.as_ref().is_none_or(|name| key.recording == *name)
+                && question.vehicle.is_none_or(|vehicle| key.vehicle == vehicle)
+        })
+    };
+    let split = run.split(&set)?;
+    let evaluated: Vec<WindowId> = split.subset(run.config.evaluate.subset).iter().copied().filter(&fits).collect();
+    let ids = if evaluated.is_empty() { set.ids().iter().copied().filter(&fits).collect() } else { evaluated };
+    if ids.is_empty() {
+        let there = BTreeSet::from_iter(set.iter().map(|window| window.key()).filter_map(|key| {
+            question.recording.as_ref().is_none_or(|name| key.recording == *name).then_some(key.vehicle)
+        }));
+        let whose = question.vehicle.map_or_else(String::new, |vehicle| format!(" of vehicle {vehicle}"));
+        let place = question.recording.as_ref().map_or_else(String::new, |name| format!(" in {name}"));
+        bail!(Recordings, "there is no window{whose}{place}; vehicles with one: {}", listed(there));
+    }
+    let moment = |id: WindowId| {
+        let window = set.get(id)?;
+        Some(Moment { observation: window.observation(), window: Some(window) })
+    };
+    Ok(ids.into_iter().filter_map(moment).collect())
+}
+
+/// Vehicles that fit and can be predicted in a frame, whether or not what happened then is recorded.
+fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Moment<'a>>> {
+    let mut fitting = Vec::new();
+    let mut others = BTreeSet::new();
+    let mut frames = Vec::new();
+    for (index, recording) in run.recordings()?.iter().enumerate() {
+        if question.recording.as_ref().is_some_and(|name| recording.meta().name != *name) {
+            continue;
+        }
+        let shape = run.config.windows.shape_for(recording.meta().rate_hz)?;
+        for (track, it) in recording.tracks().iter().enumerate() {
+            let asked = question.vehicle.is_none_or(|vehicle| it.vehicle == vehicle);
+            let past = ((shape.t_obs - 1) * shape.step) as u32;
+            if asked && it.first_frame + past <= it.last_frame() {
+                frames.push(in_words(recording, it.first_frame + past, it.last_frame()));
+            }
+            let Some(row) = it.row_at(frame) else { continue };
+            let id = WindowId { recording: index as u32, track: track as u32, row: row as u32 };
+            let Some(moment) = Moment::of(recording, shape, id) else { continue };
+            others.insert(it.vehicle);
+            if asked {
+                fitting.push(moment);
+            }
+        }
+    }
+    if !fitting.is_empty() {
+        return Ok(fitting);
+    }
+    let there = listed(others);
+    match question.vehicle {
+        Some(vehicle) if !frames.is_empty() => bail!(
+            Recordings,
+            "vehicle {vehicle} cannot be predicted in frame {frame}; it can in {}. Vehicles that can in frame {frame}: \
+             {there}",
+            frames.join(", ")
+        ),
+        Some(vehicle) => {
+            bail!(Recordings, "vehicle {vehicle} is never seen for long enough; vehicles in frame {frame}: {there}")
+        }
+        None => bail!(Recordings, "no vehicle can be predicted in frame {frame}; leave --at out"),
+    }
+}
+
+fn in_words(recording: &Recording, first: u32, last: u32) -> String {
+    format!("frames {first} to {last} of {}", recording.meta().name)
+}
+
+/// Numbers in order, each once, those beyond some counted.
+pub(super) fn listed(numbers: impl IntoIterator<Item = u32>) -> String {
+    let numbers: BTreeSet<u32> = numbers.into_iter().collect();
+    let named: Vec<String> = numbers.iter().take(LISTED).map(u32::to_string).collect();
+    match numbers.len().saturating_sub(LISTED) {
+        _ if numbers.is_empty() => "none".to_owned(),
+        0 => named.join(", "),
+        more => format!("{} and {more} more", named.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_are_short_and_in_order() {
+        assert_eq!(listed([]), "none");
+        assert_eq!(listed([7, 3, 7]), "3, 7");
+        assert!(listed(1..=30).ends_with("23, 24 and 6 more"), "{}", listed(1..=30));
+    }
+}

@@ -1,0 +1,178 @@
+//! Explanations as tables and as JSON.
+
+use gnp_data::{Account, Cause};
+use serde_json::{Value, json};
+
+use super::Explained;
+
+/// Times of the columns, s.
+const TIMES_S: [f64; 3] = [1., 3., 5.];
+
+impl Explained {
+    /// Tables and sentences for a terminal; lengths in m.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let key = &self.key;
+        let simulated = if self.simulated { ", *simulated*" } else { "" };
+        let head = format!("{}, vehicle {}, frame {}{simulated}", key.recording, key.vehicle, key.t0);
+        let mut parts = vec![format!("{head}\n{}\n\n{}", self.as_it_is.sentence(), table(&self.as_it_is, "path"))];
+        if let (Some(changed), Some(change)) = (&self.changed, self.change()) {
+            let words = capital(&self.changes);
+            parts.push(format!("{words}:\n{}\n\n{}", changed.sentence(), table(changed, "path")));
+            parts.push(format!("{}\n\n{}", change.sentence_of_change(&words), table(&change, "difference")));
+        }
+        parts.join("\n\n")
+    }
+
+    /// Everything as JSON: displacements in m at every step, along the road and to the left.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let key = &self.key;
+        json!({
+            "recording": key.recording,
+            "vehicle": key.vehicle,
+            "segment": key.segment,
+            "frame": key.t0,
+            "simulated": self.simulated,
+            "as_it_is": account(&self.as_it_is, self.as_it_is.sentence()),
+            "changes": (!self.changes.is_empty()).then_some(&self.changes),
+            "changed": self.changed.as_ref().map(|changed| account(changed, changed.sentence())),
+            "change": self.change().map(|change| {
+                let sentence = change.sentence_of_change(&capital(&self.changes));
+                account(&change, sentence)
+            }),
+        })
+    }
+}
+
+/// Rows of causes, columns of times; two decimals, a true minus.
+fn table(account: &Account, last: &str) -> String {
+    let mut steps: Vec<usize> =
+        TIMES_S.iter().map(|seconds| account.step_at(*seconds)).filter(|step| *step > 0).collect();
+    steps.dedup();
+    let row = |name: &str, at: &dyn Fn(usize) -> [f32; 2]| {
+        let numbers = steps.iter().map(|step| {
+            let [x, y] = at(*step);
+            format!("{:>9}{:>8}", number(x), number(y))
+        });
+        (name.to_owned(), numbers.collect::<String>())
+    };
+    let mut rows = vec![row("constant velocity", &|step| account.constant_velocity(step))];
+    rows.extend(account.parts.iter().map(|part| row(&part.cause.to_string(), &|step| part.after(step))));
+    rows.push(row("sum of the causes", &|step| account.sum(step)));
+    rows.push(row(last, &|step| account.path_at(step)));
+    let wide = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    let times: String = steps
+        .iter()
+        .map(|step| format!("{:>17}", format!("{} s", (*step as f64 * account.dt * 100.).round() / 100.)))
+        .collect();
+    let axes: String = steps.iter().map(|_| format!("{:>9}{:>8}", "along", "left")).collect();
+    let head = [format!("{:wide$}{times}", "m after"), format!("{:wide$}{axes}", "")];
+    let body = rows.into_iter().map(|(name, numbers)| format!("{name:wide$}{numbers}"));
+    head.into_iter().chain(body).collect::<Vec<_>>().join("\n")
+}
+
+fn number(value: f32) -> String {
+    let text = format!("{value:.2}");
+    // A rounded nothing has no sign.
+    if text == "-0.00" { "0.00".to_owned() } else { text.replace('-', "\u{2212}") }
+}
+
+fn account(account: &Account, sentence: String) -> Value {
+    let steps = || 1..=account.steps();
+    let part = |part: &gnp_data::Contribution| {
+        let (kind, vehicle) = match &part.cause {
+            Cause::FreeRoad => ("free_road", None),
+            Cause::Leader { vehicle, .. } => ("leader", Some(*vehicle)),
+            Cause::Intention => ("intention", None),
+            Cause::Neighbour { vehicle } => ("neighbour", Some(*vehicle)),
+            _ => ("term", None),
+        };
+        let place = if let Cause::Leader { place, .. } = part.cause { Some(place) } else { None };
+        json!({
+            "cause": part.cause.to_string(),
+            "kind": kind,
+            "vehicle": vehicle,
+            "place": place,
+            "physical": part.cause.is_physical(),
+            "displacement": part.displacement,
+        })
+    };
+    json!({
+        "sentence": sentence,
+        "dt": account.dt,
+        "velocity": account.velocity,
+        "constant_velocity": steps().map(|step| account.constant_velocity(step)).collect::<Vec<_>>(),
+        "parts": account.parts.iter().map(part).collect::<Vec<_>>(),
+        "sum": steps().map(|step| account.sum(step)).collect::<Vec<_>>(),
+        "path": account.path,
+    })
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use gnp_data::{Contribution, WindowKey};
+
+    use super::*;
+
+    fn explained() -> Explained {
+        let part = |cause, by: f32| Contribution {
+            cause,
+            displacement: (1..=5).map(|step| [by * (step * step) as f32, -0.001]).collect(),
+        };
+        let account = |leader: f32| {
+            let parts = vec![part(Cause::Leader { vehicle: 34, place: 1 }, leader), part(Cause::Intention, 0.1)];
+            let at = |step: usize| {
+                let square = (step * step) as f32;
+                [10. * step as f32 + (leader + 0.1) * square, 0.5 * step as f32 - 0.002]
+            };
+            Account { vehicle: 12, dt: 1., velocity: [10., 0.5], parts, path: (1..=5).map(at).collect() }
+        };
+        Explained {
+            key: WindowKey { recording: "us101-2".to_owned(), vehicle: 12, segment: 0, t0: 130 },
+            simulated: false,
+            as_it_is: account(-0.5),
+            changed: Some(account(-0.3)),
+            changes: "with vehicle 34 at 12 m/s".to_owned(),
+            figures: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_table_adds_up_and_stands_in_columns() {
+        let text = explained().text();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "us101-2, vehicle 12, frame 130");
+        assert_eq!(lines[3], "m after                        1 s              3 s              5 s");
+        assert_eq!(lines[5], "constant velocity    10.00    0.50    30.00    1.50    50.00    2.50");
+        assert_eq!(
+            lines[6],
+            "leader 34            \u{2212}0.50    0.00    \u{2212}4.50    0.00   \u{2212}12.50    0.00"
+        );
+        assert_eq!(
+            lines[8],
+            "sum of the causes    \u{2212}0.40    0.00    \u{2212}3.60    0.00   \u{2212}10.00    0.00"
+        );
+        assert_eq!(lines[9], "path                  9.60    0.50    26.40    1.50    40.00    2.50");
+        assert!(text.contains("\nWith vehicle 34 at 12 m/s:\nIn 5 s vehicle 12 gets 5.0 m less far than"), "{text}");
+        assert!(text.contains("With vehicle 34 at 12 m/s, vehicle 12 gets 5.0 m farther in 5 s: leader 34 +5.0 m."));
+        assert!(lines.last().unwrap().starts_with("difference            0.20"), "{text}");
+    }
+
+    #[test]
+    fn json_has_every_step_and_the_kinds() {
+        let value = explained().json();
+        assert_eq!((value["vehicle"].as_u64(), value["frame"].as_u64()), (Some(12), Some(130)));
+        let parts = value["as_it_is"]["parts"].as_array().unwrap();
+        assert_eq!((&parts[0]["kind"], &parts[0]["vehicle"]), (&json!("leader"), &json!(34)));
+        assert_eq!((&parts[1]["physical"], parts[1]["displacement"].as_array().unwrap().len()), (&json!(false), 5));
+        assert!((value["change"]["path"][4][0].as_f64().unwrap() - 5.).abs() < 1e-5);
+        let alone = Explained { changed: None, changes: String::new(), ..explained() };
+        assert!(alone.json()["changed"].is_null() && !alone.text().contains("difference"));
+    }
+}

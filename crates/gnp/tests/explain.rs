@@ -1,0 +1,165 @@
+//! Forecasts explained: what adds up, what a changed scene changes, what cannot be asked.
+
+#![allow(clippy::unwrap_used)] // also outside the test functions
+
+use gnp::{Change, Explained, Machine, Plan, Question, Run, RunConfig, Stage};
+use gnp_data::{Account, Cause, EditedScene, Observation, OraclePredictor as _, Predictor as _};
+use tempfile::TempDir;
+
+fn trained(place: &TempDir) -> Run {
+    let settings = ["data.max_recordings=3", "goal.epochs=1", "attraction.epochs=1", "repulsion.epochs=1"];
+    let set: Vec<_> = settings.iter().map(|text| text.parse().unwrap()).collect();
+    let config = RunConfig::embedded("smoke", &set).unwrap();
+    let mut run = Plan::new(config, None, place.path().join("run")).begin(&Machine::default()).unwrap();
+    run.train().unwrap();
+    run
+}
+
+fn adds_up(account: &Account) {
+    assert!(account.steps() == 50 && !account.parts.is_empty());
+    for step in 1..=account.steps() {
+        let (start, sum, path) = (account.constant_velocity(step), account.sum(step), account.path_at(step));
+        for axis in 0..2 {
+            assert!((start[axis] + sum[axis] - path[axis]).abs() < 1e-3, "step {step}: {start:?} {sum:?} {path:?}");
+        }
+    }
+}
+
+/// The nearest leader's part at the end, along the road.
+fn leader(explained: &Explained) -> (u32, f32) {
+    let parts = explained.as_it_is.parts.iter();
+    let mut led = parts.filter_map(|part| match part.cause {
+        Cause::Leader { vehicle, place: 1 } => Some((vehicle, part.at_end()[0])),
+        _ => None,
+    });
+    led.next().unwrap()
+}
+
+#[test]
+fn forecasts_come_apart_and_scenes_can_be_changed() {
+    let place = TempDir::new().unwrap();
+    let run = trained(&place);
+
+    // Without a word, one that a leader moves most.
+    let explained = gnp::explain(&run, &Question::default()).unwrap();
+    adds_up(&explained.as_it_is);
+    let (ahead, part) = leader(&explained);
+    assert!(part.abs() > 0.5 && explained.changed.is_none(), "{part}");
+    let names = |explained: &Explained| explained.figures.iter().map(|figure| figure.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&explained), ["contributions"]);
+
+    // The same by its name; without its leader nobody else's part is his.
+    let key = explained.key.clone();
+    let asked = |changes: &[Change]| Question {
+        recording: Some(key.recording.clone()),
+        vehicle: Some(key.vehicle),
+        frame: Some(key.t0),
+        changes: changes.to_vec(),
+    };
+    let free = gnp::explain(&run, &asked(&[Change::Without { vehicle: ahead }])).unwrap();
+    assert_eq!((&free.as_it_is, &free.key), (&explained.as_it_is, &key));
+    assert_eq!(names(&free), ["contributions", "what-if"]);
+    let (changed, change) = (free.changed.clone().unwrap(), free.change().unwrap());
+    adds_up(&changed);
+    adds_up(&change);
+    let of =
+        |account: &Account| account.parts.iter().filter(|it| it.cause.to_string().contains(&ahead.to_string())).count();
+    assert_eq!(of(&changed), 0);
+    let gone = change.parts.iter().find(|it| matches!(it.cause, Cause::Leader { vehicle, .. } if vehicle == ahead));
+    assert!((gone.unwrap().at_end()[0] + part).abs() < 1e-5, "his part is gone");
+    assert!(free.text().contains(&format!("Without vehicle {ahead}, vehicle {}", key.vehicle)), "{}", free.text());
+
+    // A leader that stands lets it get less far than one that speeds.
+    let at = |speed_mps| {
+        let explained = gnp::explain(&run, &asked(&[Change::Speed { vehicle: ahead, speed_mps }])).unwrap();
+        explained.changed.unwrap().path_at(50)[0]
+    };
+    assert!(at(0.) < at(30.) - 1.);
+    // Its own speed changes where constant velocity leads.
+    let slower = gnp::explain(&run, &asked(&[Change::Speed { vehicle: key.vehicle, speed_mps: 1. }])).unwrap();
+    adds_up(&slower.change().unwrap());
+    assert!(slower.changed.unwrap().velocity[0] < explained.as_it_is.velocity[0]);
+
+    // A goal that is forced is what the true goal is when it is the recorded one.
+    let gnp = run.model().unwrap();
+    let set = run.windows().unwrap();
+    let windows: Vec<_> = set.iter().filter(|window| window.key().recording == key.recording).take(3).collect();
+    let seen: Vec<Observation<'_>> = windows.iter().map(|window| window.observation()).collect();
+    let goals: Vec<Vec<[f32; 2]>> = windows.iter().map(|it| vec![it.truth().goal(), [5., 1.]]).collect();
+    let towards = gnp.predict_towards(&seen, &goals).unwrap();
+    for (towards, truth) in towards.iter().zip(gnp.true_goal().predict_with_future(&windows, 1).unwrap()) {
+        assert_eq!(towards.modes.iter().map(|mode| mode.probability).collect::<Vec<_>>(), [0.5, 0.5]);
+        let (a, b) = (&towards.modes[0].path, &truth.modes[0].path);
+        assert!(a.iter().zip(b).all(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-4));
+        assert_ne!(towards.modes[1].path, towards.modes[0].path);
+    }
+    let forced = gnp::explain(&run, &asked(&[Change::Goal([5., 1.])])).unwrap();
+    adds_up(&forced.changed.unwrap());
+    assert!(gnp.predict_towards(&[], &[]).unwrap().is_empty());
+    for wrong in [vec![], vec![vec![[1., 1.]]; 2], vec![vec![[1., 1.]], vec![], vec![]], vec![vec![[f32::NAN, 1.]]; 3]]
+    {
+        let error = gnp.predict_towards(&seen, &wrong).unwrap_err();
+        assert!(std::error::Error::source(&error).unwrap().to_string().contains("goals"), "{error}");
+    }
+
+    what_is_not_there(&run, &explained);
+    pictures(run, &place);
+}
+
+/// Errors name what there is.
+fn what_is_not_there(run: &Run, explained: &Explained) {
+    let key = &explained.key;
+    let vehicle = key.vehicle.to_string();
+    let refused = |question: Question, parts: &[&str]| {
+        let error = gnp::explain(run, &question).unwrap_err().chain();
+        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    };
+    let named = Question { vehicle: Some(key.vehicle), frame: Some(key.t0), ..Question::default() };
+    refused(Question { recording: Some("nowhere".to_owned()), ..named.clone() }, &["nowhere", &key.recording]);
+    refused(Question { vehicle: Some(999_999), frame: None, ..named.clone() }, &["999999", "vehicles with one"]);
+    let recording = Some(key.recording.clone());
+    let unseen = Question { vehicle: Some(999_999), recording: recording.clone(), ..named.clone() };
+    refused(unseen, &["999999", "vehicles in frame", &vehicle]);
+    let early = Question { frame: Some(0), recording: recording.clone(), ..named.clone() };
+    refused(early, &["frame 0", "it can in frames", &key.recording]);
+    let at = Question { recording, ..named };
+    let with = |change| Question { changes: vec![change], ..at.clone() };
+    refused(with(Change::Without { vehicle: 999_999 }), &["999999", "there are "]);
+    refused(with(Change::Without { vehicle: key.vehicle }), &["is the target"]);
+    refused(with(Change::Speed { vehicle: key.vehicle, speed_mps: -1. }), &["-1 m/s"]);
+    refused(with(Change::Goal([f32::NAN, 0.])), &["not finite"]);
+}
+
+/// The run's own figures have the window in which deleting the leader changes most.
+fn pictures(mut run: Run, place: &TempDir) {
+    run.perform(Stage::Evaluate).unwrap();
+    let figures = gnp::draw_figures(&run, None, &place.path().join("figures")).unwrap();
+    let svg = |name: &str| &figures.iter().find(|figure| figure.name == name).unwrap().svg;
+    let window = |svg: &str| {
+        let (before, rest) = svg.split_once(", vehicle ").unwrap();
+        let (vehicle, frame) = rest.split_once(", frame ").unwrap();
+        let digits = |text: &str| text.chars().take_while(char::is_ascii_digit).collect::<String>();
+        (before.rsplit('>').next().unwrap().to_owned(), digits(vehicle), digits(frame))
+    };
+    let shown = window(svg("what-if"));
+    assert_eq!(window(svg("contributions")), shown);
+    let gnp = run.model().unwrap();
+    let set = run.windows().unwrap();
+    let split = run.split(&set).unwrap();
+    let moved = |seen: &Observation<'_>| {
+        let scene = EditedScene::of(seen).unwrap().without(seen.leader()?.vehicle()).unwrap();
+        let ends = gnp.predict(&[*seen, scene.observation().unwrap()], run.config().predict.k).unwrap();
+        let end = |i: usize| *ends[i].modes[0].path.last().unwrap();
+        Some((end(0)[0] - end(1)[0]).hypot(end(0)[1] - end(1)[1]))
+    };
+    let test = || split.test().iter().filter_map(|id| set.get(*id)).map(|window| window.observation());
+    let most = test().filter_map(|seen| moved(&seen)).fold(0., f32::max);
+    let of_shown = test()
+        .find(|seen| {
+            let key = seen.key();
+            (key.recording, key.vehicle.to_string(), key.t0.to_string()) == shown
+        })
+        .and_then(|seen| moved(&seen))
+        .unwrap();
+    assert!(of_shown > most - 1e-2, "{of_shown} of {most}");
+}
