@@ -201,14 +201,6 @@ fn seeds_are_trained_apart_and_scored_as_one_row() {
 }
 
 #[test]
-fn ablations_have_one_seed() {
-    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
-    let place = out.path().join("table");
-    run(&arguments("ablate", data.path(), &place, &config, &["--seeds", "2"])).badly(&["--seeds", "gnp compare"]);
-    assert!(!place.exists());
-}
-
-#[test]
 fn ablations_share_what_they_do_not_change() {
     let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
     let place = out.path().join("table");
