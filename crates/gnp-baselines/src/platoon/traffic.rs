@@ -16,6 +16,8 @@ pub struct Traffic {
     pub(crate) vehicles: Vec<SeenVehicle>,
     /// Vehicle in each neighbour slot.
     pub(crate) slots: [Option<usize>; SLOTS],
+    /// Whom the target would follow were its leader gone, where that one has no rows of its own and so no known leader.
+    pub(crate) beyond: Option<usize>,
 }
 
 /// A vehicle as it was seen at the last observed frame.
@@ -71,7 +73,9 @@ impl Traffic {
             gathering.follow(place, neighbour.leader());
             Some(place)
         });
-        Self { vehicles: gathering.vehicles, slots }
+        // A vehicle ahead in the lane that is not the leader is beyond one that only the target's rows name.
+        let beyond = slots[Slot::Preceding.index()].filter(|place| gathering.vehicles[target].leader != Some(*place));
+        Self { vehicles: gathering.vehicles, slots, beyond }
     }
 
     /// The vehicles, the target first.
@@ -80,9 +84,20 @@ impl Traffic {
         &self.vehicles
     }
 
-    /// The vehicles ahead of the target in its lane, nearest first.
+    /// The vehicles ahead of the target in its lane, nearest first: whom it follows, then whom it would follow were the
+    /// nearer ones gone.
     pub fn column(&self) -> impl Iterator<Item = &SeenVehicle> {
-        self.ahead_of(0).map(|place| &self.vehicles[place])
+        self.places_ahead().into_iter().map(|place| &self.vehicles[place])
+    }
+
+    fn places_ahead(&self) -> Vec<usize> {
+        let nearest = self.vehicles[Self::TARGET].leader;
+        match (nearest, self.beyond) {
+            (Some(named), Some(beyond)) => {
+                [named, beyond].into_iter().chain(self.ahead_of(beyond)).take(DEPTH).collect()
+            }
+            _ => self.ahead_of(Self::TARGET).collect(),
+        }
     }
 
     /// Places of the vehicles ahead of the one at `place`, nearest first.
@@ -123,15 +138,17 @@ impl Traffic {
             .iter()
             .map(|place| self.vehicles[*place])
             .map(|it| SeenVehicle { leader: it.leader.and_then(moved), ..it });
-        Self { vehicles: vehicles.collect(), slots: [None; SLOTS] }
+        Self { vehicles: vehicles.collect(), slots: [None; SLOTS], beyond: None }
     }
 
     /// The same traffic as if the `count` nearest vehicles ahead of the target were not there: it follows the next one.
     #[must_use]
     pub fn without_nearest(&self, count: usize) -> Self {
-        let next = if count == 0 { self.vehicles[0].leader } else { self.ahead_of(0).nth(count) };
         let mut changed = self.clone();
-        changed.vehicles[0].leader = next;
+        if count > 0 {
+            changed.vehicles[Self::TARGET].leader = self.places_ahead().get(count).copied();
+            changed.beyond = None;
+        }
         changed
     }
 }
@@ -271,12 +288,18 @@ mod tests {
             leader,
         };
         let vehicles = vec![vehicle(0, Some(1)), vehicle(1, Some(2)), vehicle(2, None)];
-        let traffic = Traffic { vehicles, slots: [None; SLOTS] };
+        let traffic = Traffic { vehicles, slots: [None; SLOTS], beyond: None };
         let column = |traffic: &Traffic| traffic.column().map(|it| it.vehicle).collect::<Vec<_>>();
         assert_eq!(column(&traffic), [1, 2]);
         assert_eq!(column(&traffic.without_nearest(0)), [1, 2]);
         assert_eq!(column(&traffic.without_nearest(1)), [2]);
         assert!(column(&traffic.without_nearest(2)).is_empty());
+        // Where the nearest has no known leader, it hides the one beyond.
+        let mut hidden = traffic.clone();
+        hidden.vehicles.push(SeenVehicle { vehicle: 9, leader: None, ..hidden.vehicles[1] });
+        (hidden.vehicles[0].leader, hidden.beyond) = (Some(3), Some(1));
+        assert_eq!(column(&hidden), [9, 1, 2]);
+        assert_eq!(column(&hidden.without_nearest(1)), [1, 2]);
         let scaled = traffic.scaled(2.);
         assert_eq!((scaled.vehicles[2].position, scaled.vehicles[2].length), (80., 5.));
     }
