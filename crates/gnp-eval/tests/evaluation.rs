@@ -2,97 +2,24 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // test code throughout, which clippy sees only inside #[test]
 
+mod road;
+
 use std::collections::BTreeMap;
 
 use gnp_data::{
-    Columns, Dataset, Forecast, LaneMarking, MarkingKind, Mode, Observation, OraclePredictor, PredictError, Predictor,
-    Recording, RecordingMeta, Road, Subset, Track, Window, WindowConfig, WindowId, WindowSet,
+    Dataset, Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, Recording, Window, WindowId,
+    WindowSet,
 };
 use gnp_eval::{
     ALL_SITES, Batch, Bootstrap, Comparison, Coverage, Detail, EvalConfig, EvalError, EvaluatedModel, ForecastProblem,
     Manoeuvre, Metric, MetricKind, Prediction, PredictionWriter, Predictions, Protocol, Provenance, Score, TableHead,
     Verdict, evaluate, read_predictions, save_comparisons, tables,
 };
+use road::{Car, RATE_HZ, Straight, config, find, recording, windows};
 
-const RATE_HZ: f64 = 2.;
-const FRAMES: u32 = 9;
 /// Protocols that have a metric on windows of 2 s.
 const SHORT: [Protocol; 5] =
     [Protocol::Paper, Protocol::Literature, Protocol::Clean, Protocol::Argoverse2, Protocol::NuScenes];
-
-/// A vehicle of 4 x 2 m whose centre is at `(x0 + v t + a t²/2, y)`.
-#[derive(Clone, Copy)]
-struct Car {
-    vehicle: u32,
-    x0: f32,
-    y: f32,
-    v: f32,
-    a: f32,
-}
-
-/// A straight road with lines at y = 0, 4 and 8 m.
-fn recording(name: &str, site: &str, simulated: bool, cars: &[Car]) -> Recording {
-    let mut columns = Columns::default();
-    let mut tracks = Vec::new();
-    for car in cars {
-        let start = columns.x.len();
-        for frame in 0..FRAMES {
-            let t = frame as f32 / RATE_HZ as f32;
-            columns.x.push(car.x0 + car.v * t + car.a * t * t / 2.);
-            columns.y.push(car.y);
-            columns.vx.push(car.v + car.a * t);
-            columns.vy.push(0.);
-            columns.lane.push(1);
-            columns.neighbours.push([u32::MAX; 8]);
-        }
-        tracks.push(Track::new(car.vehicle, [4., 2.], 100, start..columns.x.len()));
-    }
-    let kinds = [MarkingKind::Boundary, MarkingKind::LaneDivider, MarkingKind::Boundary];
-    let lines = kinds.into_iter().zip([0., 4., 8.]).map(|(kind, y)| LaneMarking { kind, y }).collect();
-    let meta = RecordingMeta::new(Dataset::NGSIM, site, name, RATE_HZ).with_simulated(simulated);
-    Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
-}
-
-/// Five observed and four predicted frames: one window a vehicle, 2 s ahead.
-fn windows() -> WindowConfig {
-    WindowConfig { observed_s: 2., predicted_s: 2., rate_hz: RATE_HZ, stride_s: 10., site_stride_s: Default::default() }
-}
-
-fn config(protocols: &[Protocol]) -> EvalConfig {
-    EvalConfig {
-        subset: Subset::Test,
-        protocols: protocols.to_vec(),
-        batch: 2,
-        bootstrap: Bootstrap { resamples: 200, seed: 3 },
-    }
-}
-
-/// Goes on with the last speed; `drift` m/s to the left are added, and further modes drift more.
-struct Straight {
-    name: &'static str,
-    drift: f32,
-}
-
-impl Predictor for Straight {
-    fn name(&self) -> &str {
-        self.name
-    }
-
-    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        let modes = k.min(3);
-        let of_window = |seen: &Observation<'_>| {
-            let shape = seen.shape();
-            let vx = seen.target(shape.t_obs - 1).vx;
-            let path = |m: usize| {
-                let t = |j: usize| (j + 1) as f32 * shape.dt() as f32;
-                (0..shape.t_pred).map(|j| [vx * t(j), (self.drift + m as f32) * t(j)]).collect()
-            };
-            let mode = |m| Mode { probability: 1. / modes as f32, path: path(m), explanation: None };
-            Forecast { modes: (0..modes).map(mode).collect() }
-        };
-        Ok(observations.iter().map(of_window).collect())
-    }
-}
 
 /// Repeats what was recorded.
 struct Oracle;
@@ -116,13 +43,6 @@ fn scores_of(recordings: &[Recording], models: &[EvaluatedModel<'_>], protocols:
     let (set, _) = WindowSet::cut(recordings, &windows()).unwrap();
     let evaluation = evaluate(&set, set.ids(), models, &config(protocols), &mut |_| Ok(())).unwrap();
     evaluation.scores(&config(protocols).bootstrap)
-}
-
-fn find<'a>(scores: &'a [Score], site: &str, metric: Metric) -> &'a Score {
-    let is = |s: &&Score| {
-        (s.site.as_str(), s.metric.as_str(), s.k, s.horizon_s) == (site, metric.kind.name(), metric.k, metric.horizon_s)
-    };
-    scores.iter().find(is).unwrap_or_else(|| panic!("{metric} on {site}"))
 }
 
 fn value(scores: &[Score], site: &str, metric: Metric) -> f64 {
@@ -412,94 +332,6 @@ impl Predictor for Broken {
         (self.0)(&mut forecasts);
         Ok(forecasts)
     }
-}
-
-#[test]
-fn folds_pooled_score_as_all_windows_at_once() {
-    let car = |vehicle, v, a| Car { vehicle, x0: 0., y: 2., v, a };
-    let first = recording("a", "s", false, &[car(1, 20., 1.), car(2, 25., -2.)]);
-    let second = recording("b", "s", true, &[car(1, 22., 0.5), car(7, 18., 3.)]);
-    let third = recording("c", "t", false, &[car(4, 30., -1.)]);
-    let recordings = [first, second, third];
-    let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
-    let config = config(&[Protocol::Clean]);
-    let straight = Straight { name: "straight", drift: 0.3 };
-    let of = |ids: &[WindowId]| {
-        evaluate(&set, ids, &[EvaluatedModel::Predictor(&straight)], &config, &mut |_| Ok(())).unwrap()
-    };
-    let whole = of(set.ids());
-    // The folds share neither a site's order nor its windows.
-    let [one, two, three, four, five] = set.ids() else { panic!("five windows") };
-    let pooled = of(&[*four, *one]).pooled(of(&[*five, *two])).unwrap().pooled(of(&[*three])).unwrap();
-    assert_eq!(pooled.setting(), whole.setting());
-    assert_eq!(pooled.scores(&config.bootstrap), whole.scores(&config.bootstrap));
-    assert!(whole.scores(&config.bootstrap).iter().any(|score| score.value > 0.));
-
-    let other = evaluate(
-        &set,
-        &[*one],
-        &[EvaluatedModel::Predictor(&Straight { name: "other", drift: 0.3 })],
-        &config,
-        &mut |_| Ok(()),
-    )
-    .unwrap();
-    let error = of(&[*two]).pooled(other).unwrap_err().to_string();
-    assert!(error.contains("models"), "{error}");
-    let literature = EvalConfig { protocols: vec![Protocol::Literature], ..config.clone() };
-    let other = evaluate(&set, &[*one], &[EvaluatedModel::Predictor(&straight)], &literature, &mut |_| Ok(())).unwrap();
-    let error = of(&[*two]).pooled(other).unwrap_err().to_string();
-    assert!(error.contains("protocols"), "{error}");
-}
-
-/// A model trained with two seeds is one row: contributions are averaged, and a seed of other windows is refused.
-#[test]
-fn seeds_of_a_model_are_one_row() {
-    let cars: Vec<Car> =
-        (1..=20).map(|i| Car { vehicle: i, x0: 30. * i as f32, y: 2., v: 20., a: -0.2 * i as f32 }).collect();
-    let recordings = [recording("a", "s", false, &cars), recording("b", "t", false, &cars[..9])];
-    let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
-    let config = config(&[Protocol::Clean]);
-    let of = |models: &[(&'static str, f32)], ids: &[WindowId]| {
-        let models: Vec<Straight> = models.iter().map(|(name, drift)| Straight { name, drift: *drift }).collect();
-        let models: Vec<_> = models.iter().map(|model| EvaluatedModel::Predictor(model)).collect();
-        evaluate(&set, ids, &models, &config, &mut |_| Ok(())).unwrap()
-    };
-    let ids = set.ids();
-    let both = of(&[("ours", 0.), ("rule", 0.5)], ids).with_seed(of(&[("ours", 1.)], ids)).unwrap();
-    let scores = both.scores(&config.bootstrap);
-    // 2 s to the side at 0 and 1 m/s: squared errors 0 and 4 m².
-    let lateral = |model: &str| {
-        let metric = Metric::top_1(MetricKind::LateralRmseAt, 2.);
-        let own: Vec<Score> = scores.iter().filter(|score| score.model == model).cloned().collect();
-        let found = find(&own, "s", metric);
-        (found.value, found.seeds, found.windows, found.ci_low.unwrap(), found.ci_high.unwrap())
-    };
-    let (value, seeds, windows, low, high) = lateral("ours");
-    assert!((value - 2f64.sqrt()).abs() < 1e-6 && (seeds, windows) == (2, 20), "{value}");
-    assert!(low.abs() < 1e-6 && (high - 2.).abs() < 1e-6, "either seed may be drawn twice: {low} to {high}");
-    let (value, seeds, _, low, high) = lateral("rule");
-    assert!((value - 1.).abs() < 1e-6 && seeds == 1 && (high - low).abs() < 1e-6);
-    let rows = both.comparisons("ours", &config.bootstrap).unwrap();
-    assert!(rows.iter().all(|row| row.seeds == [2, 1]));
-
-    // The same seed twice is one seed.
-    let twice = of(&[("ours", 0.3)], ids).with_seed(of(&[("ours", 0.3)], ids)).unwrap().scores(&config.bootstrap);
-    for (one, two) in of(&[("ours", 0.3)], ids).scores(&config.bootstrap).iter().zip(&twice) {
-        let ends = |score: &Score| [score.value, score.ci_low.unwrap_or(0.), score.ci_high.unwrap_or(0.)];
-        assert!(ends(one).iter().zip(ends(two)).all(|(one, two)| (one - two).abs() < 1e-9), "{one:?} {two:?}");
-        assert_eq!((one.windows, one.vehicles, two.seeds), (two.windows, two.vehicles, 2));
-    }
-
-    // Folds pool seed by seed, and only with as many.
-    let fold = |ids: &[WindowId]| of(&[("ours", 0.)], ids).with_seed(of(&[("ours", 1.)], ids)).unwrap();
-    let pooled = fold(&ids[..15]).pooled(fold(&ids[15..])).unwrap();
-    assert_eq!(pooled, fold(ids));
-    let error = fold(&ids[..15]).pooled(of(&[("ours", 0.)], &ids[15..])).unwrap_err();
-    assert!(error.to_string().contains("seeds"), "{error}");
-    let other = of(&[("ours", 0.)], ids).with_seed(of(&[("ours", 1.)], &ids[1..]));
-    assert!(matches!(other, Err(EvalError::OtherWindows { first: 29, second: 28 })));
-    let other = of(&[("ours", 0.)], ids).with_seed(of(&[("theirs", 1.)], ids));
-    assert!(matches!(other, Err(EvalError::NotScored { model, .. }) if model == "theirs"));
 }
 
 #[test]

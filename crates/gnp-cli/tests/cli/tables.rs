@@ -213,11 +213,13 @@ fn ablations_share_what_they_do_not_change() {
     let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
     let place = out.path().join("table");
     let finished = run(&arguments("table2", data.path(), &place, &config, &[])).well();
-    assert!(finished.err.contains("table2: 14 of 18, explicit Euler"), "{}", finished.err);
+    assert!(finished.err.contains("table2: 16 of 20, explicit Euler"), "{}", finished.err);
     let content = json(&place.join("table2.json"));
     let systems = strings(&content["systems"]);
-    assert_eq!((systems.len(), systems[0]), (17, "gnp"));
-    assert!(strings(&content["missing"])[0].starts_with("joint neighbours: "), "{}", content["missing"]);
+    assert_eq!((systems.len(), systems[0]), (18, "gnp"));
+    let missing = ["sees who is behind and beside: ", "joint neighbours: "];
+    let told = strings(&content["missing"]);
+    assert!(told.len() == 2 && told.iter().zip(missing).all(|(told, row)| told.starts_with(row)), "{told:?}");
 
     // A goal network with one mode takes the forces over and the other way round.
     let same = |variant: &str, file: &str| {

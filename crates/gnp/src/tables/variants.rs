@@ -74,9 +74,13 @@ const REPULSION: &[Stage] = &[Stage::Repulsion];
 const ALL: &[Stage] = &[Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
 
 const ONE_MODE: Change = Change::Keys(&[("modes.modes", "1")]);
-/// Neighbours behind their leaders need the platoon as reference: they fall back with it.
-const STRAIGHT_REFERENCE: Change =
-    Change::Keys(&[("features.reference", "constant_velocity"), ("predict.neighbours", "constant_velocity")]);
+/// Neighbours behind their leaders need the platoon as reference, and so much trust in the reference rests on it: both
+/// fall back with it.
+const STRAIGHT_REFERENCE: Change = Change::Keys(&[
+    ("features.reference", "constant_velocity"),
+    ("predict.neighbours", "constant_velocity"),
+    ("predict.trust", "1.0"),
+]);
 
 const fn variant(name: &'static str, change: Change, redo: &'static [Stage], force: Force, input: Input) -> Variant {
     Variant { name, change, redo, force, input }
@@ -89,13 +93,15 @@ const fn key(name: &'static str, keys: &'static [(&'static str, &'static str)], 
 
 /// All rows. "No modes" is a single mode, the mean future of the training part: one token that carries
 /// nothing but its place in the network, hence one goal made of the observation alone.
-pub(crate) const VARIANTS: [Variant; 18] = [
+pub(crate) const VARIANTS: [Variant; 20] = [
     variant(FULL, Change::Nothing, &[], Force::Full, Input::Past),
     variant("reference: constant velocity", STRAIGHT_REFERENCE, ALL, Force::Full, Input::Past),
     key("no platoon hint", &[("features.car_following_features", "false")], GOAL_NETWORK),
     key("one vehicle ahead", &[("features.vehicles_ahead", "1")], GOAL_NETWORK),
+    key("sees who is behind and beside", &[("features.neighbours", "all")], GOAL_NETWORK),
     key("no mean in the loss", &[("goal.mean_weight", "0.0")], GOAL_NETWORK),
     key("selection: medoids", &[("predict.selection", "medoids")], &[]),
+    key("full trust in the network", &[("predict.trust", "1.0")], &[]),
     variant("no repulsion", Change::Nothing, &[], Force::Attraction, Input::Past),
     variant("no modes", ONE_MODE, GOALS, Force::Full, Input::Past),
     variant("no modes, no repulsion", ONE_MODE, GOALS, Force::Attraction, Input::Past),
@@ -232,12 +238,13 @@ mod tests {
             let reads = |key: &str| -> &'static [Stage] {
                 match key {
                     // Who is shown to the goal network, and whether the platoon is: no other network sees either.
-                    "goal.mean_weight" | "features.vehicles_ahead" | "features.car_following_features" => GOAL_NETWORK,
+                    "goal.mean_weight" | "features.vehicles_ahead" | "features.neighbours" => GOAL_NETWORK,
+                    "features.car_following_features" => GOAL_NETWORK,
                     // What futures are counted from, and the frame that the force drives in.
                     "features.reference" => ALL,
                     "predict.neighbours" => REPULSION,
                     // Read when there is a model.
-                    "predict.selection" => &[],
+                    "predict.selection" | "predict.trust" => &[],
                     key if key.starts_with("modes.") => GOALS,
                     key if key.starts_with("traj.") => FORCES,
                     key => panic!("{key}"),
@@ -271,6 +278,9 @@ mod tests {
             VARIANTS.iter().filter_map(why).collect()
         };
         let names = |settings: &[&str]| left_out(settings).into_keys().collect::<Vec<_>>();
+        // What is asked about is fixed; the rest of the embedded configuration may change.
+        let names =
+            |settings: &[&str]| names(&[settings, &["features.neighbours=ahead", "predict.trust=0.5"]].concat());
         assert_eq!(names(&["features.reference=platoon", "predict.neighbours=platoon"]), ["joint neighbours"]);
         let straight = ["features.reference=constant_velocity", "predict.neighbours=constant_velocity"];
         assert_eq!(names(&straight), ["neighbours at constant velocity", "reference: constant velocity"]);
