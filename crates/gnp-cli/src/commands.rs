@@ -263,7 +263,7 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     let of_its_own = || run.path().join("explain").join(format!("{}-{}-{}", key.recording, key.vehicle, key.t0));
     let out = args.out.clone().unwrap_or_else(of_its_own);
     explained.save_figures(&out)?;
-    machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", explained.figures.len(), out.display()));
+    machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())
 }
 

@@ -32,10 +32,11 @@ pub struct Contribution {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Cause {
-    /// The driver alone, as if nobody were ahead: what is left of the present acceleration, the wish for another speed,
-    /// and a lateral motion that comes to rest.
+    /// The driver alone, as if nobody were known ahead: what is left of the present acceleration. Otherwise the speed
+    /// stays: the wish for another one acts behind a leader, up to whom the road is known to be free.
     FreeRoad,
-    /// A vehicle ahead in the lane: how much farther the vehicle would get were it gone, and the nearer ones with it.
+    /// A vehicle ahead in the lane: how the path changes by it, where the nearer ones are gone. It mostly holds back; it
+    /// draws on where the road up to it is freer than what is known without it.
     Leader {
         /// Number of the vehicle.
         vehicle: u32,

@@ -3,7 +3,7 @@
 use gnp_data::{Account, Cause};
 use gnp_force::{CarFollowing, ForceTerm, FreeRoad, GoalAttraction, VehicleRepulsion};
 
-use crate::axes::{Axis, Panel, shown};
+use crate::axes::{Axis, Panel};
 use crate::figure::{Sheet, WIDTH};
 use crate::palette::{BEST, GRID, INK, rim};
 
@@ -157,9 +157,11 @@ pub(crate) fn bars(sheet: &mut Sheet, bars: &[Bar<'_>], axis: &str) {
     sheet.y = top + height + 27.;
 }
 
-/// A length in m with its sign and one or two decimals.
+/// A length in m with its sign, a true minus, and one or two decimals.
 fn number(value: f64) -> String {
-    let rounded = if value.abs() < 9.95 { (value * 100.).round() / 100. } else { (value * 10.).round() / 10. };
-    let sign = if rounded > 0. { "+" } else { "" };
-    format!("{sign}{}", shown(rounded))
+    let text = if value.abs() < 9.995 { format!("{value:+.2}") } else { format!("{value:+.1}") };
+    match text.trim_start_matches(['+', '-']) {
+        "0.00" => "0".to_owned(),
+        _ => text.replace('-', "\u{2212}"),
+    }
 }

@@ -60,7 +60,12 @@ pub fn what_if(name: &str, title: &str, both: &WhatIf<'_>, source: &Source) -> F
         if changed && let Some(mode) = before.modes.first() {
             let mut points = vec![view.panel.at(0., 0.)];
             points.extend(view.panel.points(&mode.path));
+            // The changed prediction may lie on it; its end stays to be seen.
+            let end = points.last().copied();
             sheet.svg.path(&thinned(points, 40), &ghost("as-it-is"));
+            if let Some(end) = end {
+                sheet.svg.circle(end, 3., &end_of_ghost());
+            }
         }
         for mark in *marks {
             drawn_mark(&mut sheet.svg, &view, mark, changed);
@@ -91,12 +96,17 @@ fn ghost(class: &str) -> String {
     format!("class=\"{class}\" fill=\"none\" stroke=\"{BEST}\" stroke-width=\"1.2\" stroke-dasharray=\"1.5 2\"")
 }
 
+fn end_of_ghost() -> String {
+    format!("class=\"as-it-is\" fill=\"#ffffff\" stroke=\"{BEST}\" stroke-width=\"1.2\"")
+}
+
 fn ghost_legend(svg: &mut Svg, y: f64) -> f64 {
     let mut legend = Legend::under(y);
     let words = "prediction as it is";
-    let [x, y] = legend.place(22., words);
+    let [x, y] = legend.place(25., words);
     svg.line([x, y - 3.], [x + 18., y - 3.], &ghost("key"));
-    svg.text([x + 22., y], words, &format!("font-size=\"9\" fill=\"{INK}\""));
+    svg.circle([x + 18., y - 3.], 3., &end_of_ghost().replace("as-it-is", "key"));
+    svg.text([x + 25., y], words, &format!("font-size=\"9\" fill=\"{INK}\""));
     legend.bottom()
 }
 

@@ -380,7 +380,7 @@ fn bars_lead_from_constant_velocity_to_the_path() {
         at = end;
     }
     let numbers: Vec<&str> = of(&elements, "text", "number").iter().map(|e| e.text.as_str()).collect();
-    assert_eq!((numbers[1], numbers[8], numbers[12]), ("\u{2212}9", "\u{2212}8.64", "+1.5"));
+    assert_eq!((numbers[1], numbers[8], numbers[12]), ("\u{2212}9.00", "\u{2212}8.64", "+1.50"));
     // The line of the growth ends at the sum, between the stacks.
     let line = of(&elements, "path", "sum")[0].points();
     let growth: Vec<_> = of(&elements, "path", "stacked").iter().map(|path| path.points()).collect();
@@ -409,6 +409,10 @@ fn a_changed_scene_has_the_scale_of_the_first_and_shows_who_is_gone() {
     let first = of(&elements, "path", "best")[0].points();
     let ghost = of(&elements, "path", "as-it-is")[0].points();
     assert!(first.iter().zip(&ghost).all(|(a, b)| (a[0] - b[0]).abs() < 0.01));
+    // Its end is seen also where the second one lies on it.
+    let [x, y] = ghost[STEPS];
+    let ends = of(&elements, "circle", "as-it-is");
+    assert!((ends[0].number("cx") - x).abs() < 0.01 && (ends[0].number("cy") - y).abs() < 0.01 && ends.len() == 1);
     let second = of(&elements, "path", "best")[1].points();
     assert!(second[STEPS][0] > ghost[STEPS][0] + 5.);
     let names: Vec<&str> = of(&elements, "text", "name").iter().map(|e| e.text.as_str()).collect();

@@ -273,7 +273,7 @@ mod tests {
         let left_out = |settings: &[&str]| -> BTreeMap<&str, &str> {
             let settings: Vec<Setting> = settings.iter().map(|text| text.parse().unwrap()).collect();
             let config = RunConfig::embedded("ngsim", &settings).unwrap();
-            fs::write(out.path().join("config.toml"), config.to_toml().unwrap()).unwrap();
+            std::fs::write(out.path().join("config.toml"), config.to_toml().unwrap()).unwrap();
             let why = |variant: &Variant| Some((variant.name, variant.left_out(out.path(), &config).unwrap()?));
             VARIANTS.iter().filter_map(why).collect()
         };
