@@ -66,7 +66,7 @@ impl Case {
     fn train(&self, dropout: &mut Dropout) -> Result<candle_core::backprop::GradStore, gnp_goal::GoalError> {
         let config = LabelConfig { distance: LabelDistance::MeanDisplacement, temperature: 0.5 };
         let labels = gnp_goal::labels(&self.truth, &self.modes, &config)?;
-        let pick = Pick::Indices(labels.nearest);
+        let pick = Pick::Indices(labels.nearest.clone());
         let output =
             self.net.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &pick, Some(dropout))?;
         Ok(gnp_goal::goal_loss(&output, &self.truth, &labels, LossWeights { alpha: 0.2, mean: 0. })?

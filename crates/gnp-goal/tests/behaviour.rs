@@ -3,7 +3,7 @@
 
 use candle_core::{DType, Device, Tensor};
 use gnp_goal::{
-    GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, LabelConfig, LabelDistance, LossWeights, Pick,
+    GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, LabelConfig, LabelDistance, Labels, LossWeights, Pick,
     ProbabilityHead, Regression, goal_loss, labels,
 };
 use gnp_nn::{Dropout, Weights};
@@ -222,12 +222,24 @@ fn every_weight_gets_a_gradient_in_one_step() {
 }
 
 #[test]
+fn a_network_that_starts_at_nothing_says_the_modes_alike() {
+    let case = Case::new(&GoalConfig { zero_start: true, ..ours() });
+    let output = case.run(&Pick::All);
+    assert!(values(&output.logits).iter().all(|logit| *logit == 0.));
+    let modes = values(&case.modes);
+    for window in values(&output.futures).chunks_exact(modes.len()) {
+        assert_eq!(window, modes);
+    }
+}
+
+#[test]
 fn both_forms_agree_in_a_training_step() {
-    for config in [published(), ours()] {
+    for (config, mean) in [(published(), 0.), (ours(), 0.), (ours(), 1.)] {
         let (fused, graph) = (Case::new(&config), Case::new(&config));
         let graph = Case { net: graph.net.as_graph(), ..graph };
         let losses = |case: &Case| {
-            let pick = Pick::Indices(Tensor::new(&[[8u32], [1], [2], [4]], &Device::Cpu).unwrap());
+            let nearest = Tensor::new(&[[8u32], [1], [2], [4]], &Device::Cpu).unwrap();
+            let pick = if mean > 0. { Pick::All } else { Pick::Indices(nearest.clone()) };
             let mut dropout = Dropout::new(0.2, 4);
             let output = case
                 .net
@@ -235,7 +247,9 @@ fn both_forms_agree_in_a_training_step() {
                 .unwrap();
             let truth = random(&[BATCH, SHAPE.t_pred, 2], 8);
             let soft = gnp_goal::soft_labels(&random(&[BATCH, MODES], 6), 0.5).unwrap();
-            let grads = goal_loss(&output, &truth, &soft, 0.2).unwrap().total.backward().unwrap();
+            let labels = Labels { soft, nearest };
+            let loss = goal_loss(&output, &truth, &labels, LossWeights { alpha: 0.2, mean }).unwrap();
+            let grads = loss.total.backward().unwrap();
             let named = case.weights.named();
             let grads: Vec<Tensor> = named.values().map(|var| grads.get(var).unwrap().clone()).collect();
             (output, grads)
