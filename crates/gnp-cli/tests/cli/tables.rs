@@ -251,7 +251,10 @@ fn ablations_share_what_they_do_not_change() {
     };
     assert_eq!(score("no modes", "clean", "min_fde", 6), score("no modes", "clean", "fde", 1));
     assert_ne!(score("no modes", "clean", "fde", 1), score("no modes, no repulsion", "clean", "fde", 1));
-    assert_ne!(score("selection: medoids", "clean", "fde", 1), score("gnp", "clean", "fde", 1));
+    // What is read when there is a model needs no folder.
+    assert!(systems.contains(&"selection: medoids") && score("selection: medoids", "clean", "fde", 1).is_some());
+    assert!(names(&place.join("variants")).iter().all(|name| !name.contains("selection")));
+    assert_ne!(score("full trust in the network", "clean", "fde", 1), score("gnp", "clean", "fde", 1));
     for oracle in ["true goal", "oracle neighbours"] {
         assert_eq!(score(oracle, "clean", "fde", 1), None);
         assert!(score(oracle, "paper", "min_fde", 20).unwrap().1);
