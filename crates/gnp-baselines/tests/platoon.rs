@@ -128,8 +128,8 @@ fn a_prediction_is_the_roll_out_of_the_column() {
     }
 }
 
-/// Traffic of known drivers: the fit finds how they follow, states an interval and predicts them better than what it set
-/// out from; the same windows give the same drivers.
+/// Traffic of known drivers: the fit predicts them better than what it set out from, states an interval in which they
+/// are, and gives the same drivers for the same windows.
 #[test]
 fn drivers_are_recovered_from_traffic() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -150,8 +150,9 @@ fn drivers_are_recovered_from_traffic() {
     let (before, after) = (error(&typical), error(&fitted));
     assert!(after < 0.8 * before, "{before} {after}");
     let found = &fitted.parameters().pooled;
-    let [low, high] = found.intervals["time_gap"];
-    assert!(low <= found.drivers.time_gap && found.drivers.time_gap <= high && high - low < 2., "{found:?}");
+    let [low, high] = found.intervals["acceleration"];
+    assert!(low <= driver.acceleration && driver.acceleration <= high, "{found:?}");
+    assert!(low <= found.drivers.acceleration && found.drivers.acceleration <= high, "{found:?}");
     assert_eq!(fitted, PlatoonRule::fit(&windows).unwrap());
     assert!(PlatoonRule::fit(&[]).is_err());
 }

@@ -70,7 +70,7 @@ fn every_rule_is_loaded_from_what_it_fitted_even_through_text() {
 #[test]
 fn names_are_unique_and_those_of_the_tables() {
     let names: Vec<&str> = RULES.iter().map(Rule::name).collect();
-    assert_eq!(names, ["constant velocity", "constant acceleration", "Kalman filter", "IDM"]);
+    assert_eq!(names, ["constant velocity", "constant acceleration", "Kalman filter", "IDM", "platoon"]);
 }
 
 #[test]
