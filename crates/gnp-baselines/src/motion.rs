@@ -15,7 +15,7 @@ pub enum BaselineError {
         default: f64,
     },
     /// A parameter out of its range.
-    #[error("`{key}` cannot be {value}; take a positive number, such as {default}")]
+    #[error("`{key}` cannot be {value}; take a positive number, for a share one up to 1, such as {default}")]
     Parameter {
         /// Its name.
         key: &'static str,

@@ -13,7 +13,7 @@ use gnp_force::{
 use serde::{Deserialize, Serialize};
 
 use self::traffic::Spans;
-pub use self::traffic::{DEPTH, SeenVehicle, Traffic};
+pub use self::traffic::{SeenVehicle, Traffic};
 use crate::motion::{BaselineError, periods, velocity};
 use crate::rule::{Rule, parameters, parsed};
 
@@ -39,6 +39,8 @@ const MOST_ACCELERATION: f64 = 3.;
 const LEAST_SPEED: f64 = 3.;
 /// Least gap that a time gap is read from, m: boxes overlap in recordings.
 const LEAST_GAP: f64 = 0.1;
+/// No vehicle is faster, m/s.
+const FASTEST: f64 = 200.;
 /// A driver wants to go so many times as fast as he does, at least.
 const SPARE_SPEED: f64 = 1.2;
 /// Time gaps that drivers keep, s.
@@ -139,9 +141,23 @@ impl Drivers {
 /// ([`Drivers::habit`]) and `se` the standard error of the measurement; of what is missing to 1, the acceleration over the
 /// last three seconds has a share ([`Drivers::slow_habit`]). A vehicle with nobody ahead keeps its speed but for that.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
+#[serde(try_from = "PlatoonParameters", into = "PlatoonParameters")]
 pub struct PlatoonRule {
     parameters: PlatoonParameters,
+}
+
+impl TryFrom<PlatoonParameters> for PlatoonRule {
+    type Error = BaselineError;
+
+    fn try_from(parameters: PlatoonParameters) -> Result<Self, BaselineError> {
+        Self::new(parameters)
+    }
+}
+
+impl From<PlatoonRule> for PlatoonParameters {
+    fn from(rule: PlatoonRule) -> Self {
+        rule.parameters
+    }
 }
 
 /// Traffic as it moves under the rule.
@@ -154,7 +170,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Centre of the vehicle at `place` after `step` steps, m; after the last one beyond it.
+    /// Centre of the vehicle at `place` after `step` steps, m; after the last one beyond it, and 0 where no vehicle is.
     #[must_use]
     pub fn position(&self, place: usize, step: usize) -> f64 {
         self.state(place, step, self.platoon.positions(), 0)
@@ -168,16 +184,16 @@ impl Motion {
 
     fn state(&self, place: usize, step: usize, values: &[f64], which: usize) -> f64 {
         match step.min(self.steps).checked_sub(1) {
-            None => self.start[place][which],
-            Some(step) => values[place * self.steps + step],
+            None => self.start.get(place).map_or(0., |start| start[which]),
+            Some(step) => values.get(place * self.steps + step).copied().unwrap_or_default(),
         }
     }
 
-    /// What accelerates the target in `step`, m/s²: free road, interaction with the leader, habit.
+    /// What accelerates the target in `step`, m/s²: free road, interaction with the leader, habit; 0 after the last step.
     #[must_use]
     pub fn acceleration(&self, step: usize) -> [f64; 3] {
         [self.platoon.free(), self.platoon.interaction(), self.platoon.habit()]
-            .map(|part| part.get(step).copied().unwrap_or_default())
+            .map(|part| part.get(..self.steps).and_then(|part| part.get(step)).copied().unwrap_or_default())
     }
 }
 
@@ -242,7 +258,7 @@ impl PlatoonRule {
     /// Rolls traffic out over the predicted frames of `shape` with the drivers of `site`.
     ///
     /// # Errors
-    /// [`ForceError`] for traffic that cannot be, such as speeds above 1000 m/s.
+    /// [`ForceError`] for traffic that cannot be: positions or lengths that are not finite.
     pub fn roll_out(&self, site: &str, traffic: &Traffic, shape: &WindowShape) -> Result<Motion, ForceError> {
         let mut motion = Motion::default();
         let drivers = self.drivers(site);
@@ -274,7 +290,8 @@ fn roll_out(
     };
     followers.clear();
     followers.extend(vehicles.iter().map(|it| {
-        let speed = (it.speed.max(0.) + it.since * measured(it).1).max(0.);
+        // A jump in a track is no speed that anybody drives.
+        let speed = (it.speed.max(0.) + it.since * measured(it).1).clamp(0., FASTEST);
         let desired_speed = drivers.desired_speed.max(speed * SPARE_SPEED);
         let Drivers { time_gap, standstill_gap, acceleration, braking, .. } = *drivers;
         Follower {

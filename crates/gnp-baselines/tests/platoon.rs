@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use gnp_baselines::{Drivers, PlatoonRule, RULES, Traffic};
-use gnp_data::{LaneMarking, LiveScene, Predictor, Recording, Sample, VehicleClass, Window, WindowShape};
+use gnp_data::{LaneMarking, LiveScene, Predictor, Recording, Sample, Slot, VehicleClass, Window, WindowShape};
 use gnp_force::{Driver, Follower, Platoon};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -155,6 +155,39 @@ fn drivers_are_recovered_from_traffic() {
     assert!(low <= found.drivers.acceleration && found.drivers.acceleration <= high, "{found:?}");
     assert_eq!(fitted, PlatoonRule::fit(&windows).unwrap());
     assert!(PlatoonRule::fit(&[]).is_err());
+}
+
+/// A file may name vehicles that follow one another: nobody leads there, and nothing fails. Nor does it where a track jumps.
+#[test]
+fn circles_and_jumps_of_a_file_stop_nothing() {
+    let at = |x0: f64, jump: f64| -> Vec<f64> {
+        (0..81).map(|f| x0 + 1.2 * f64::from(f) + if f > 28 { jump } else { 0. }).collect()
+    };
+    let scene = scene(&[at(0., 0.), at(30., 0.), at(60., 900.)]);
+    let there = scene.recording().unwrap();
+    let mut columns = there.columns().clone();
+    let ahead_of = |track: usize| there.tracks()[track].rows.clone();
+    ahead_of(1).for_each(|row| columns.neighbours[row][Slot::Preceding.index()] = 0);
+    let (roads, tracks) = (there.roads().to_vec(), there.tracks().to_vec());
+    let circle = Recording::from_parts(there.meta().clone(), roads, tracks, columns).unwrap();
+    let rule = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    for recording in [there, &circle] {
+        for vehicle in 0..3 {
+            let forecast = rule.predict(&[window(recording, vehicle, 30).observation()], 1).unwrap().remove(0);
+            assert!(forecast.modes[0].path.iter().flatten().all(|value| value.is_finite()));
+        }
+    }
+}
+
+/// Where no vehicle follows another nothing is learned of how they follow, and that is said.
+#[test]
+fn what_the_windows_do_not_tell_has_its_whole_range() {
+    let alone = |speed: f64| scene(&[(0..81).map(|f| speed * f64::from(f) / RATE_HZ).collect()]);
+    let scenes: Vec<LiveScene> = (10..30).map(|speed| alone(f64::from(speed))).collect();
+    let windows: Vec<Window<'_>> = scenes.iter().map(|it| window(it.recording().unwrap(), 0, 30)).collect();
+    let fitted = PlatoonRule::fit(&windows).unwrap();
+    let [low, high] = fitted.parameters().pooled.intervals["braking"];
+    assert!((low - 1.).abs() < 1e-6 && (high - 4.).abs() < 1e-6, "{low} {high}");
 }
 
 #[test]

@@ -217,7 +217,9 @@ pub enum ForecastProblem {
         sum: f64,
     },
     /// Modes out of order.
-    #[error("mode {mode} is likelier than the one before it; the likeliest comes first")]
+    #[error(
+        "mode {mode} is likelier than the one before it; the prediction comes first, the others by falling probability"
+    )]
     Order {
         /// Index of the mode.
         mode: usize,

@@ -1,7 +1,7 @@
 //! Metrics: each with a name, a unit, a direction, the number of modes it chooses from, what one
 //! window contributes and how the mean contribution becomes the value.
 //!
-//! "Best of k" means the best of the k likeliest modes, and every metric chooses its own: the mode
+//! "Best of k" means the best of the first k modes (the prediction, then the likeliest others), and every metric chooses its own: the mode
 //! with the least ADE need not be the one with the least FDE. A forecast with fewer than k modes is
 //! scored on those it has.
 
@@ -35,15 +35,15 @@ pub enum MetricKind {
     /// As [`MetricKind::RmseTo`], the squared error averaged over the two coordinates: smaller by
     /// the root of 2. What the GNP paper's RMSE column appears to be.
     RmseToPerCoordinate,
-    /// Root of the mean squared error across the road at `h`, of the likeliest mode.
+    /// Root of the mean squared error across the road at `h`, of the first mode, the prediction.
     LateralRmseAt,
-    /// Root of the mean squared error along the road at `h`, of the likeliest mode.
+    /// Root of the mean squared error along the road at `h`, of the first mode, the prediction.
     LongitudinalRmseAt,
     /// Root of the mean squared error at `h` of the mean of all modes, weighted by probability.
     MixtureMeanRmseAt,
-    /// Average displacement error: mean error over all frames up to `h`, of the likeliest mode.
+    /// Average displacement error: mean error over all frames up to `h`, of the first mode, the prediction.
     Ade,
-    /// Final displacement error: error at `h`, of the likeliest mode.
+    /// Final displacement error: error at `h`, of the first mode, the prediction.
     Fde,
     /// Least ADE among k modes.
     MinAde,
@@ -54,10 +54,10 @@ pub enum MetricKind {
     /// Least FDE among k modes plus (1 - p)², p the probability of that mode among the k
     /// (Argoverse 2). A number of mixed units, as published.
     BrierMinFde,
-    /// Share of the k likeliest modes whose centre goes beyond the outermost lines in any frame up
+    /// Share of the first k modes whose centre goes beyond the outermost lines in any frame up
     /// to `h`.
     OffRoad,
-    /// Share of the k likeliest modes whose box, turned along the path, overlaps the recorded box
+    /// Share of the first k modes whose box, turned along the path, overlaps the recorded box
     /// of another vehicle in any frame up to `h`.
     Overlap,
     /// Share of windows in which the *recorded* box of the target, turned along its path, overlaps
@@ -191,20 +191,20 @@ impl MetricKind {
 pub struct Metric {
     /// What is measured.
     pub kind: MetricKind,
-    /// Modes to choose from, the likeliest k; `None` where all modes enter.
+    /// Modes to choose from, the first k; `None` where all modes enter.
     pub k: Option<usize>,
     /// Time up to which, or at which, it is measured, s.
     pub horizon_s: f64,
 }
 
 impl Metric {
-    /// A metric of the likeliest mode alone.
+    /// A metric of the first mode alone, the prediction.
     #[must_use]
     pub fn top_1(kind: MetricKind, horizon_s: f64) -> Self {
         Self { kind, k: Some(1), horizon_s }
     }
 
-    /// A metric of the k likeliest modes.
+    /// A metric of the first k modes.
     #[must_use]
     pub fn best_of(kind: MetricKind, k: usize, horizon_s: f64) -> Self {
         Self { kind, k: Some(k), horizon_s }

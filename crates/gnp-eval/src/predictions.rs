@@ -23,7 +23,7 @@ pub struct Prediction {
     pub key: WindowKey,
     /// The window's origin in the road frame, m, where the file gives it.
     pub origin: Option<[f32; 2]>,
-    /// The futures, likeliest first, window frame.
+    /// The futures, ordered as in a forecast, window frame.
     pub forecast: Forecast,
 }
 

@@ -34,12 +34,12 @@ pub enum Protocol {
     #[serde(rename = "av2")]
     Argoverse2,
     /// Preset: minADE over points 0.5 s apart, minFDE, miss rate (largest error of any such point
-    /// 2 m or more), share of modes off the road; k = 1, 5 and 10 likeliest.
+    /// 2 m or more), share of modes off the road; the first 1, 5 and 10.
     #[serde(rename = "nuscenes")]
     NuScenes,
     /// Preset: minADE over points 0.5 s apart, minFDE and miss rate (outside a box along the
     /// heading) of 6 modes at those of 3, 5 and 8 s that the windows have; box overlap of the
-    /// likeliest mode.
+    /// first mode.
     Waymo,
 }
 
@@ -72,7 +72,7 @@ impl Protocol {
             Self::Literature => "top-1 (k = 1), error at the instant",
             Self::Clean => "no future input, top-1 (k = 1) and best of k = 6",
             Self::Argoverse2 => "metrics of Argoverse 2, k = 1 and 6",
-            Self::NuScenes => "metrics of nuScenes, points 0.5 s apart, the k = 1, 5 and 10 likeliest",
+            Self::NuScenes => "metrics of nuScenes, points 0.5 s apart, the first k = 1, 5 and 10",
             Self::Waymo => "metrics of Waymo motion, points 0.5 s apart, k = 6",
         }
     }
@@ -241,7 +241,7 @@ mod tests {
         }
     }
 
-    /// The literature's protocol never looks past the likeliest mode, the paper's never at it alone.
+    /// The literature's protocol never looks past the first mode, the paper's never at it alone.
     #[test]
     fn protocols_do_not_mix() {
         assert!(Protocol::Literature.metrics(&SHAPE).unwrap().iter().all(|metric| metric.k == Some(1)));

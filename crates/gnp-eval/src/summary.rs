@@ -66,7 +66,7 @@ pub struct SummaryRow {
     pub name: String,
     /// Whether it is the rule with the lowest RMSE on the site.
     pub best_rule: bool,
-    /// RMSE of the likeliest future at the horizon, m.
+    /// RMSE of the prediction at the horizon, m.
     pub rmse: SummaryValue,
     /// Error at the horizon of the nearest of 6 futures, m; `None` where it was not scored.
     pub min_fde: Option<SummaryValue>,
@@ -144,7 +144,7 @@ impl Summary {
         let Some((own, rules)) = site.rows.split_first() else { return String::new() };
         let simulated = if self.simulated { " (simulated data)" } else { "" };
         let mut text = format!(
-            "On {}{simulated}, the likeliest path of {} ends {} from the truth after {} s (RMSE)",
+            "On {}{simulated}, the prediction of {} ends {} from the truth after {} s (RMSE)",
             site_name(&site.site),
             self.label,
             own.rmse.metres(),

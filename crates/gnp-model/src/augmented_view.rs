@@ -1,6 +1,6 @@
 //! An observation as the networks see it: as recorded, or mirrored and scaled along the road.
 
-use gnp_data::{BySlot, LaneMarking, Leader, Neighbour, Observation, Slot, TrackState, Truth, WindowShape};
+use gnp_data::{LaneMarking, Leader, Neighbour, Observation, Slot, TrackState, Truth, WindowShape};
 
 /// An observation, possibly mirrored left-right together with lanes, neighbours and slots, and
 /// possibly scaled along the road: augmentations for training, never used for prediction.
@@ -45,12 +45,6 @@ impl<'a> AugmentedView<'a> {
     #[must_use]
     pub fn longitudinal_scale(&self) -> f32 {
         self.longitudinal_scale
-    }
-
-    /// Whether left and right are exchanged.
-    #[must_use]
-    pub fn is_mirrored(&self) -> bool {
-        self.mirrored
     }
 
     fn turned(&self, state: TrackState) -> TrackState {
@@ -103,12 +97,6 @@ impl<'a> AugmentedView<'a> {
             _ => self.observation.neighbour(self.recorded_slot(slot))?.leader()?,
         };
         Some(AugmentedNeighbour { seen: *self, who: Who::Leader(leader) })
-    }
-
-    /// Neighbours by slot.
-    #[must_use]
-    pub fn neighbours(&self) -> BySlot<Option<AugmentedNeighbour<'a>>> {
-        BySlot::from_fn(|slot| self.neighbour(slot))
     }
 
     /// Lane lines from right to left.
@@ -211,7 +199,7 @@ pub(crate) fn velocity_of(neighbour: &Neighbour<'_>, shape: WindowShape, window_
 /// Least-squares slope of the positions over the last `window_s` seconds, at least one frame, back
 /// to the first absence, m/s; `None` with fewer than two positions.
 fn slope(shape: WindowShape, window_s: f64, state: impl Fn(usize) -> Option<TrackState>) -> Option<[f32; 2]> {
-    let frames = ((window_s * shape.rate_hz).round() as usize + 1).max(2);
+    let frames = (((window_s * shape.rate_hz).round() as usize).saturating_add(1)).max(2);
     let last = shape.t_obs - 1;
     let seen: Vec<TrackState> = (0..frames).map_while(|back| state(last.checked_sub(back)?)).collect();
     let n = seen.len();

@@ -58,7 +58,7 @@ pub struct FeatureConfig {
     pub vehicles_ahead: usize,
     /// Which vehicles the goal network sees.
     pub neighbours: SeenNeighbours,
-    /// Whether the goal network also gets where the reference path is after 1 to 5 s, or, where that is constant
+    /// Whether the goal network also gets how far the reference path is ahead of constant velocity after 1 to 5 s, or, where that is constant
     /// velocity, where a textbook driver (the Intelligent Driver Model) would be behind the leader; not published.
     pub car_following_features: bool,
 }
@@ -185,7 +185,7 @@ impl Features {
     /// The window with what the traffic ahead makes of it.
     ///
     /// # Errors
-    /// [`ModelError::Traffic`] for traffic that cannot be, such as speeds above 1000 m/s.
+    /// [`ModelError::Traffic`] for traffic that cannot be: positions or lengths that are not finite.
     pub fn situation<'a>(&self, seen: AugmentedView<'a>) -> Result<Situation<'a>, ModelError> {
         situation(&self.config, self.shape, self.platoon.as_ref(), seen)
     }

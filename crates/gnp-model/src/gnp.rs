@@ -131,6 +131,10 @@ impl Gnp {
         let net = GoalNet::new(config, features.goal_shape(), constants(goal, device))?;
         let force = match force {
             Some(checkpoint) => {
+                if checkpoint.header.features.config().reference != features.config().reference {
+                    let problem = "of the force is another than of the goal network: train both on one reference path";
+                    return Err(ModelError::config("features.reference", problem));
+                }
                 let config = checkpoint.header.traj.as_ref().ok_or_else(|| missing("traj"))?;
                 let phase =
                     if checkpoint.header.part == Component::Attraction { Phase::Attraction } else { Phase::Full };
@@ -180,6 +184,9 @@ impl Gnp {
     }
 
     /// The same model with one more term of the force, with these values of its parameters.
+    ///
+    /// Where the reference path is the platoon's, the force acts in a frame that moves with it along the road: positions
+    /// and velocities that the term is given are relative to it, those of neighbours alike.
     ///
     /// # Errors
     /// As [`SocialForce::with_term`]; [`ModelError::Config`] for a model without physics, in which a term could not act.
@@ -303,7 +310,9 @@ impl Gnp {
         let inputs = features.goal_inputs(situations, device)?;
         let k = k.min(modes.len()).max(1);
         let decoded = match self.selection {
-            Selection::MostProbable => k,
+            // What is believed of the mean needs all of which it is the mean.
+            Selection::MostProbable if self.trust >= 1. => k,
+            Selection::MostProbable => modes.len(),
             Selection::Medoids | Selection::Central => modes.len(),
         };
         let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, decoded)?;
@@ -318,7 +327,10 @@ impl Gnp {
         let by_window = futures.chunks_exact(path * decoded).zip(probabilities);
         for (situation, (paths, probabilities)) in situations.iter().zip(by_window) {
             let picked = match self.selection {
-                Selection::MostProbable => probabilities.into_iter().enumerate().collect(),
+                Selection::MostProbable => {
+                    let total: f32 = probabilities.iter().take(k).sum();
+                    probabilities.into_iter().take(k).map(|p| p / total).enumerate().collect()
+                }
                 selection => {
                     let ends: Vec<_> =
                         paths.chunks_exact(path).map(|path| [path[path.len() - 2], path[path.len() - 1]]).collect();

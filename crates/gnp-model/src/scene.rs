@@ -78,7 +78,8 @@ impl Features {
     /// the road: [`Features::to_road`] leads back.
     ///
     /// # Errors
-    /// [`ModelError::Shape`] when a window has another shape, candle's errors.
+    /// [`ModelError::Shape`] when a window has another shape, [`ModelError::Config`] for neighbours behind leaders without
+    /// a rule, candle's errors.
     pub fn scene(
         &self,
         situations: &[Situation<'_>],
@@ -87,6 +88,10 @@ impl Features {
         truths: Option<&[Truth<'_>]>,
         device: &Device,
     ) -> Result<RollOutBatch, ModelError> {
+        if neighbours == NeighbourFuture::Platoon && self.platoon().is_none() {
+            let problem = "is \"platoon\": that needs features.reference = \"platoon\", in training too";
+            return Err(ModelError::config("predict.neighbours", problem));
+        }
         let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; situations.len() * t_pred * SLOTS * 4];
         let window = self.config().velocity_window_s;

@@ -145,6 +145,9 @@ impl ColumnNetwork {
     /// [`NeuralBaselineError::Checkpoint`] for a file that is missing, damaged, of another program or lacks a weight.
     pub fn load(path: &Path, device: &Device) -> Result<Self, NeuralBaselineError> {
         let Checkpoint { header, tensors } = Checkpoint::load(path)?;
+        let refused =
+            |e| NeuralBaselineError::checkpoint(path, format!("has a recipe that cannot be ({e}): train again"));
+        header.recipe.check().map_err(refused)?;
         let horizons = Horizons::of(header.shape);
         let inputs = width(&horizons);
         if header.mean.len() != inputs || header.deviation.len() != inputs {

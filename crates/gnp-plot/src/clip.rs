@@ -81,7 +81,7 @@ pub struct ClipForecast {
     pub history: Vec<[f32; 2]>,
     /// Who is in each neighbour slot.
     pub neighbours: [ClipNeighbour; SLOTS],
-    /// Futures, likeliest first; their paths and goals start at the origin. Of the first one forces
+    /// Futures, the prediction first; their paths and goals start at the origin. Of the first one forces
     /// are shown, where it is explained.
     pub modes: Vec<Mode>,
 }
@@ -125,7 +125,7 @@ impl Clip {
         Self { title: title.into(), rate_hz, frame_step: 1, forecast_step: 1, ..Self::default() }
     }
 
-    /// Every term of the force that explains a likeliest future, once.
+    /// Every term of the force that explains a prediction, once.
     #[must_use]
     pub fn terms(&self) -> Vec<&TermDescriptor> {
         let forecasts = self.vehicles.iter().flat_map(|vehicle| &vehicle.forecasts);

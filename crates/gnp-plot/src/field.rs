@@ -27,7 +27,7 @@ pub struct Potential {
 }
 
 impl Potential {
-    /// At the last observed frame: `slots` holds the neighbours' centres, the forecast's likeliest
+    /// At the last observed frame: `slots` holds the neighbours' centres, the forecast's first
     /// mode their strengths. `None` without forces.
     #[must_use]
     pub fn of(scene: &Scene, slots: &[Option<[f32; 2]>; SLOTS], r_col: f64) -> Option<Self> {

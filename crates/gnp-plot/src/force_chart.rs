@@ -1,4 +1,4 @@
-//! Scenes with the forces behind the likeliest path: arrows at chosen steps, and every step over time.
+//! Scenes with the forces behind the prediction: arrows at chosen steps, and every step over time.
 
 use gnp_data::Explanation;
 use gnp_force::TermDescriptor;
@@ -16,13 +16,13 @@ const CHART: f64 = 62.;
 /// Space between the two charts, for the labels of the second.
 const BETWEEN: f64 = 54.;
 
-/// Scenes under each other: road, vehicles, all paths, and along the likeliest one the forces as
+/// Scenes under each other: road, vehicles, all paths, and along the prediction the forces as
 /// arrows, `every_s` apart, each from where the vehicle then is. Below each scene the forces of every
 /// step. One scale of arrows and of forces for all scenes.
 #[must_use]
 pub fn force_scenes(name: &str, title: &str, scenes: &[Scene], every_s: f64, source: &Source) -> Figure {
     let mut sheet = Sheet::new(name, title);
-    sheet.y = path_legend(&mut sheet.svg, sheet.y, "likeliest", "other futures");
+    sheet.y = path_legend(&mut sheet.svg, sheet.y, "prediction", "other futures");
     let terms = terms(scenes);
     let all = scenes.iter().filter_map(explanation).flat_map(|e| &e.terms);
     let largest = all.flat_map(|term| term.totals()).copied().map(norm);
@@ -36,7 +36,7 @@ pub fn force_scenes(name: &str, title: &str, scenes: &[Scene], every_s: f64, sou
         sheet.svg.clipped(name, view.panel.place);
         view.road(&mut sheet.svg, scene);
         view.vehicles(&mut sheet.svg, scene);
-        view.paths(&mut sheet.svg, scene, Paths::Likeliest);
+        view.paths(&mut sheet.svg, scene, Paths::Prediction);
         arrows(&mut sheet.svg, &view, scene, every_s, scale);
         sheet.svg.end();
         view.frame(&mut sheet.svg);
@@ -49,7 +49,7 @@ pub fn force_scenes(name: &str, title: &str, scenes: &[Scene], every_s: f64, sou
     }
     let caption = format!(
         "{title}. Boxes at the last observed frame, observed paths, forecast and truth; a diamond is where the lane \
-         number changes. Arrows: forces along the likeliest path every {} s, each from where the vehicle then is; \
+         number changes. Arrows: forces along the prediction every {} s, each from where the vehicle then is; \
          below, the same forces at every step.",
         shown(every_s)
     );

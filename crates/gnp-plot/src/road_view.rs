@@ -23,8 +23,8 @@ pub(crate) const AXIS_SPACE: f64 = 31.;
 pub(crate) enum Paths {
     /// The best of them dark red, the others lime green.
     Best,
-    /// The likeliest dark red, the others lime green.
-    Likeliest,
+    /// The prediction dark red, the others lime green.
+    Prediction,
 }
 
 /// A panel for a scene and how much its lateral axis is stretched.
@@ -126,7 +126,7 @@ impl RoadView {
     pub(crate) fn paths(&self, svg: &mut Svg, scene: &Scene, which: Paths) {
         let first = match which {
             Paths::Best => scene.best(),
-            Paths::Likeliest => 0,
+            Paths::Prediction => 0,
         };
         let from_here = |path: &[[f32; 2]]| {
             let mut points = vec![self.panel.at(0., 0.)];

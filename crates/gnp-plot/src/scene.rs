@@ -38,7 +38,7 @@ pub struct Scene {
     pub lane_changes: Vec<[f32; 2]>,
     /// The other vehicles.
     pub others: Vec<Other>,
-    /// The forecast, likeliest first.
+    /// The forecast, the prediction first.
     pub modes: Vec<Mode>,
     /// Period of the frames, s.
     pub dt: f64,
@@ -84,7 +84,7 @@ impl Scene {
         }
     }
 
-    /// The mode whose end is nearest to the truth's; the likeliest where there is no truth.
+    /// The mode whose end is nearest to the truth's; the first where there is no truth.
     #[must_use]
     pub fn best(&self) -> usize {
         let Some(end) = self.truth.last() else { return 0 };

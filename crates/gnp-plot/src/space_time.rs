@@ -12,7 +12,7 @@ pub struct Trace {
     pub points: Vec<[f64; 2]>,
 }
 
-/// A forecast made at the first point, of the likeliest future.
+/// A forecast made at the first point, of the prediction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LongitudinalForecast {
     /// Time, s, and distance along the road, m; the first is the last observed one.
@@ -71,7 +71,7 @@ pub fn space_time(lane: &SpaceTime, source: &Source) -> Figure {
     sheet.y += 4. + 250. + 30.;
     legend(&mut sheet, slowest, fastest);
     let caption = "Every vehicle of one lane as a line over time, steep where it is fast, coloured by speed; dark red, \
-                   from a dot at the last observed frame, the likeliest forecast. Lines that begin or end inside are \
+                   from a dot at the last observed frame, the prediction. Lines that begin or end inside are \
                    lane changes or the ends of tracks.";
     sheet.finish(caption, source)
 }
@@ -91,9 +91,9 @@ fn legend(sheet: &mut Sheet, slowest: f64, fastest: f64) {
         sheet.svg.rect(x + 16. + 8. * f64::from(i), y - 7., 8.2, 8., &format!("fill=\"{colour}\""));
     }
     sheet.svg.text([x + 109., y], &format!("{fastest:.0} m/s"), &small);
-    let [x, y] = legend.place(29., "likeliest forecast");
+    let [x, y] = legend.place(29., "prediction");
     sheet.svg.line([x, y - 3.], [x + 24., y - 3.], &format!("stroke=\"{BEST}\" stroke-width=\"1.7\""));
     sheet.svg.circle([x, y - 3.], 2.2, &format!("fill=\"{BEST}\""));
-    sheet.svg.text([x + 29., y], "likeliest forecast", &small);
+    sheet.svg.text([x + 29., y], "prediction", &small);
     sheet.y = legend.bottom();
 }

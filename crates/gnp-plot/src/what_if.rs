@@ -56,7 +56,7 @@ pub fn what_if(name: &str, title: &str, both: &WhatIf<'_>, source: &Source) -> F
         sheet.svg.clipped(name, view.panel.place);
         view.road(&mut sheet.svg, scene);
         view.vehicles(&mut sheet.svg, scene);
-        view.paths(&mut sheet.svg, scene, Paths::Likeliest);
+        view.paths(&mut sheet.svg, scene, Paths::Prediction);
         if changed && let Some(mode) = before.modes.first() {
             let mut points = vec![view.panel.at(0., 0.)];
             points.extend(view.panel.points(&mode.path));

@@ -147,7 +147,7 @@ fn rows_of_dots() -> Vec<DotPanel> {
         note: dot_note(12.345),
     };
     let panel = |scaling, columns: &[&str], rows| DotPanel {
-        title: "RMSE of the likeliest future".to_owned(),
+        title: "RMSE of the prediction".to_owned(),
         axis: "RMSE (m)".to_owned(),
         scaling,
         columns: columns.iter().map(|c| (*c).to_owned()).collect(),

@@ -218,7 +218,7 @@ fn the_player_works_in_a_browser() {
     says("start", "0.0 s, vehicle 7: 20.0 m/s, no forecast yet");
     assert!(found["colours"].as_u64().unwrap() > 5, "blank: {found}");
     says("stepped", "4.5 s");
-    says("picked", "forecast made at 4.0 s, likeliest of 2: 75 % (validation subset)");
+    says("picked", "forecast made at 4.0 s, the first of 2: 75 % (validation subset)");
     assert!(found["forces"].as_u64().unwrap() > 10, "no yellow arrow: {found}");
     assert_eq!((&found["withoutForces"], &found["pressed"]), (&0.into(), &"false".into()));
     assert_eq!(found["played"], true, "{found}");

@@ -11,11 +11,11 @@
 //! | `/picked` | a ring of 30 m around the picked vehicle, which the eye follows |
 //! | `/vehicles/ID` | the vehicle's box in every frame |
 //! | `/forecasts/ID/history` | what the latest forecast saw of the vehicle |
-//! | `/forecasts/ID/futures` | its paths, the likeliest one first, labelled by probability |
-//! | `/forecasts/ID/forces/TERM` | accelerations along the likeliest path, by term of the force: `goal`, `neighbours`, `lines` |
+//! | `/forecasts/ID/futures` | its paths, the prediction first, labelled by probability |
+//! | `/forecasts/ID/forces/TERM` | accelerations along the prediction, by term of the force: `goal`, `neighbours`, `lines` |
 //! | `/scalars/ID/speed` | m/s, recorded |
 //! | `/scalars/ID/probability` | of each path |
-//! | `/scalars/ID/TERM/PARAMETER` | parameters of the terms, of the likeliest path at that time: `goal/tau`, `neighbours/k`, `lines/k` |
+//! | `/scalars/ID/TERM/PARAMETER` | parameters of the terms, of the prediction at that time: `goal/tau`, `neighbours/k`, `lines/k` |
 //!
 //! Times are on two timelines: `time`, the frame number divided by the frame rate, in s, and `frame`.
 //! Space is the road frame in m: x forward, y to the left, z up and 0 throughout.

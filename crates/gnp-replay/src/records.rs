@@ -232,10 +232,10 @@ fn about(clip: &Clip, picked: Option<u32>) -> String {
     let forces = clip.terms().into_iter().map(described).collect::<Vec<_>>().join(", ");
     format!(
         "# {}\n\n{simulated}Forward is x, left is y, in m; `time` is the frame number divided by {} Hz.\n\n{picked}\
-         A forecast is made each second, from the history in dark grey. The likeliest path is dark red, the others are \
-         green; pointing at one tells its probability. Arrows stand along the likeliest path where its vehicle then is: \
+         A forecast is made each second, from the history in dark grey. The prediction is dark red, the other paths are \
+         green; pointing at one tells its probability. Arrows stand along the prediction where its vehicle then is: \
          {forces}; {ARROW_M} m of arrow are 1 m/s². \
-         Scalars are those of the latest forecast's likeliest path.\n\n\
+         Scalars are those of the latest forecast's prediction.\n\n\
          Grey boxes of vehicles of the {} subset are darker.\n",
         clip.title, clip.rate_hz, clip.subset
     )

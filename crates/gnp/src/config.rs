@@ -9,7 +9,7 @@ use crate::error::{Context as _, Error, Result, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
 use gnp_eval::EvalConfig;
 use gnp_goal::GoalConfig;
-use gnp_model::{FeatureConfig, NeighbourInput, Selection};
+use gnp_model::{FeatureConfig, NeighbourInput, ReferencePath, Selection};
 use gnp_modes::ModeParams;
 use gnp_train::{GoalTraining, PathTraining, TrainConfig};
 use gnp_traj::TrajConfig;
@@ -174,6 +174,16 @@ impl RunConfig {
             section.loss.check().context(name)?;
             section.train.check().context(name)?;
         }
+        let following =
+            self.traj.terms.iter().find(|term| ["free_road", "car_following"].contains(&term.name.as_str()));
+        if let (Some(term), ReferencePath::Platoon) = (following, self.features.reference) {
+            bail!(
+                Config,
+                "traj.terms: `{}` acts along the platoon's path already; leave it out, or set features.reference = \
+                 \"constant_velocity\"",
+                term.name
+            );
+        }
         if !(0. ..=1.).contains(&self.predict.trust) {
             bail!(Config, "predict.trust = {}: give a share between 0 and 1", self.predict.trust);
         }
@@ -309,6 +319,8 @@ mod tests {
             ("goal.epoch=3", "goal.epochs"),
             ("split.train=0.9", "train"),
             ("predict.k=3", "predict.k"),
+            ("predict.trust=1.5", "predict.trust"),
+            ("traj.terms=[{ name = \"free_road\", parameters = {} }]", "acts along the platoon's path already"),
             ("windows.rate_hz=3.0", "rate"),
             ("goal.schedule={kind=\"linear\"}", "goal.schedule"),
         ] {

@@ -21,7 +21,7 @@
 //! let (model, set) = (run.model()?, run.windows()?);
 //! let windows: Vec<_> = run.split(&set)?.test().iter().filter_map(|id| set.get(*id)).collect();
 //! let seen: Vec<_> = windows.iter().map(|window| window.observation()).collect();
-//! let forecasts = model.predict(&seen, 6)?; // likeliest first, in m from where each vehicle is
+//! let forecasts = model.predict(&seen, 6)?; // the prediction first, in m from where each vehicle is
 //! # assert_eq!(forecasts.len(), windows.len());
 //! # drop(windows);
 //! # drop(set);

@@ -59,21 +59,33 @@ struct Case {
 /// [`BaselineError::NoWindows`]; [`BaselineError::Shapes`] for windows of several shapes.
 pub(super) fn fit(training: &[Window<'_>]) -> Result<PlatoonParameters, BaselineError> {
     let shape = training.first().ok_or(BaselineError::NoWindows)?.observation().shape();
-    if training.iter().any(|window| window.observation().shape() != shape) || shape.t_obs < 2 {
+    if training.iter().any(|window| !window.observation().shape().fits(&shape)) || shape.t_obs < 2 {
         return Err(BaselineError::Shapes);
     }
-    let cases: Vec<Case> = training.par_iter().map(|window| case(window, shape)).collect();
-    let sites: BTreeSet<&str> = cases.iter().map(|case| case.site.as_str()).collect();
+    // Traffic that cannot be rolled out, and futures of less than a second, say nothing about drivers.
+    let possible = |case: &Case| {
+        let (mut followers, mut motion) = (Vec::new(), Motion::default());
+        let rolled = roll_out(&Drivers::TYPICAL, case.column.vehicles(), &shape, &mut followers, &mut motion);
+        rolled.is_ok() && !case.truth.is_empty()
+    };
+    let cases: Vec<Case> = training.par_iter().map(|window| case(window, shape)).filter(possible).collect();
+    if cases.is_empty() {
+        return Err(BaselineError::NoWindows);
+    }
+    let mut drivers: BTreeMap<&str, BTreeSet<&(String, u32)>> = BTreeMap::new();
+    for case in &cases {
+        drivers.entry(&case.site).or_default().insert(&case.vehicle);
+    }
     let fitted = |site: Option<&str>| {
         let of_site: Vec<&Case> = cases.iter().filter(|case| site.is_none_or(|site| case.site == site)).collect();
         let step = of_site.len().div_ceil(MOST_WINDOWS).max(1);
         let taken: Vec<&Case> = of_site.into_iter().step_by(step).collect();
         Problem::new(taken, shape).fit()
     };
-    let enough = |fitted: &FittedDrivers| fitted.vehicles >= LEAST_VEHICLES;
-    let by_site = if sites.len() > 1 { sites.iter().map(|site| fitted(Some(site))).collect() } else { Vec::new() };
-    let by_site = sites.iter().map(|site| (*site).to_owned()).zip(by_site).filter(|(_, it)| enough(it)).collect();
-    Ok(PlatoonParameters { pooled: fitted(None), sites: by_site })
+    // One site alone is what all together are.
+    let own = drivers.iter().filter(|(_, vehicles)| drivers.len() > 1 && vehicles.len() >= LEAST_VEHICLES);
+    let sites = own.map(|(site, _)| ((*site).to_owned(), fitted(Some(site)))).collect();
+    Ok(PlatoonParameters { pooled: fitted(None), sites })
 }
 
 fn case(window: &Window<'_>, shape: WindowShape) -> Case {
@@ -108,12 +120,15 @@ impl<'a> Problem<'a> {
     /// Errors after each whole second of every window, m.
     fn errors(&self, drivers: &Drivers) -> Vec<Vec<f64>> {
         let room = || (Vec::new(), Motion::default());
-        let of_case = |(followers, motion): &mut (Vec<_>, Motion), case: &&Case| {
-            // Traffic that cannot be rolled out says nothing about drivers.
-            match roll_out(drivers, case.column.vehicles(), &self.shape, followers, motion) {
-                Ok(()) => case.truth.iter().map(|(step, x)| motion.position(Traffic::TARGET, *step) - x).collect(),
-                Err(_) => vec![0.; case.truth.len()],
-            }
+        let of_case = |(followers, motion): &mut (Vec<_>, Motion), case: &&Case| match roll_out(
+            drivers,
+            case.column.vehicles(),
+            &self.shape,
+            followers,
+            motion,
+        ) {
+            Ok(()) => case.truth.iter().map(|(step, x)| motion.position(Traffic::TARGET, *step) - x).collect(),
+            Err(_) => vec![0.; case.truth.len()],
         };
         self.cases.par_iter().with_min_len(32).map_init(room, of_case).collect()
     }
@@ -159,10 +174,15 @@ impl<'a> Problem<'a> {
             scores[self.vehicles[row / per_window.max(1)]] += jacobian.row(row).transpose() * *error;
         }
         let meat = scores.iter().fold(DMatrix::zeros(count, count), |sum, score| sum + score * score.transpose());
-        let bread = (jacobian.transpose() * &jacobian + DMatrix::identity(count, count) * 1e-9).try_inverse();
+        let hessian = jacobian.transpose() * &jacobian;
+        let bread = (&hessian + DMatrix::identity(count, count) * 1e-9).try_inverse();
+        let vehicles = self.vehicles.iter().collect::<BTreeSet<_>>().len() as f64;
         let spread = |i: usize| match &bread {
-            Some(bread) => (bread * &meat * bread)[(i, i)].max(0.).sqrt(),
-            None => f64::INFINITY,
+            // Of as few vehicles as parameters, the scores say nothing about their spread.
+            Some(bread) if hessian[(i, i)] > 1e-6 && vehicles > count as f64 + 1. => {
+                ((bread * &meat * bread)[(i, i)].max(0.) * vehicles / (vehicles - 1.)).sqrt()
+            }
+            _ => f64::INFINITY,
         };
         let ends = |i: usize| [-1.96, 1.96].map(|z| FITTED[i].value(at[i] + (z * spread(i)).clamp(-30., 30.)));
         FITTED.iter().enumerate().map(|(i, parameter)| (parameter.name.to_owned(), ends(i))).collect()

@@ -4,8 +4,9 @@ use gnp_data::{Leader, Observation, SLOTS, Slot, TrackState};
 
 use crate::motion::slope;
 
-/// Leaders looked up ahead of a vehicle; more bring nothing that can be measured in 5 s.
-pub const DEPTH: usize = 4;
+/// Leaders looked up ahead of a vehicle; more bring nothing that can be measured in 5 s. Where a vehicle stands in the
+/// column of another one as well, more than these may be known, and are followed.
+const DEPTH: usize = 4;
 
 /// What an observation shows of the traffic that a target and its neighbours follow.
 ///
@@ -55,7 +56,7 @@ impl Traffic {
     /// Place of the target.
     pub const TARGET: usize = 0;
 
-    /// The target's column and those of its neighbours, each of up to [`DEPTH`] leaders.
+    /// The target's column and those of its neighbours.
     pub(crate) fn of(observation: &Observation<'_>, spans: Spans) -> Self {
         let mut gathering = Gathering { observation, spans, vehicles: Vec::new(), followed: Vec::new() };
         let shape = observation.shape();
@@ -93,28 +94,21 @@ impl Traffic {
     fn places_ahead(&self) -> Vec<usize> {
         let nearest = self.vehicles[Self::TARGET].leader;
         match (nearest, self.beyond) {
-            (Some(named), Some(beyond)) => {
-                [named, beyond].into_iter().chain(self.ahead_of(beyond)).take(DEPTH).collect()
-            }
+            (Some(named), Some(beyond)) => [named, beyond].into_iter().chain(self.ahead_of(beyond)).collect(),
             _ => self.ahead_of(Self::TARGET).collect(),
         }
     }
 
-    /// Places of the vehicles ahead of the one at `place`, nearest first.
-    pub(crate) fn ahead_of(&self, place: usize) -> impl Iterator<Item = usize> {
+    /// Places of the vehicles ahead of the one at `place`, nearest first. Nobody follows in a circle.
+    fn ahead_of(&self, place: usize) -> impl Iterator<Item = usize> {
         let leader = |place: usize| self.vehicles.get(place).and_then(|it| it.leader);
-        std::iter::successors(leader(place), move |place| leader(*place)).take(DEPTH)
+        std::iter::successors(leader(place), move |place| leader(*place))
     }
 
     /// Place of the vehicle in a neighbour slot.
     #[must_use]
     pub fn place(&self, slot: Slot) -> Option<usize> {
         self.slots[slot.index()]
-    }
-
-    /// The vehicles ahead of the one in a neighbour slot, nearest first.
-    pub fn column_of(&self, slot: Slot) -> impl Iterator<Item = &SeenVehicle> {
-        self.slots[slot.index()].into_iter().flat_map(|place| self.ahead_of(place)).map(|place| &self.vehicles[place])
     }
 
     /// The same traffic with everything along the road but the bodies multiplied by `factor`.
@@ -132,7 +126,8 @@ impl Traffic {
 
     /// The target and its column alone.
     pub(crate) fn target_alone(self) -> Self {
-        let places: Vec<usize> = std::iter::once(Self::TARGET).chain(self.ahead_of(Self::TARGET)).collect();
+        let places: Vec<usize> =
+            std::iter::once(Self::TARGET).chain(self.ahead_of(Self::TARGET)).take(1 + DEPTH).collect();
         let moved = |place: usize| places.iter().position(|it| *it == place);
         let vehicles = places
             .iter()
@@ -173,18 +168,26 @@ impl<'a> Gathering<'a, '_> {
         self.vehicles.iter().position(|it| it.vehicle == vehicle)
     }
 
+    /// Whether the one at `place` is `whom` or follows it, over others or not.
+    fn follows(&self, place: usize, whom: usize) -> bool {
+        let leader = |place: &usize| self.vehicles[*place].leader;
+        std::iter::successors(Some(place), leader).any(|place| place == whom)
+    }
+
     /// Adds the column from `leader` on, ahead of the vehicle at `place`.
     fn follow(&mut self, mut place: usize, mut leader: Option<Leader<'a>>) {
         let shape = self.observation.shape();
         for _ in 0..DEPTH {
             if !self.followed[place] {
                 self.followed[place] = true;
-                self.vehicles[place].leader = leader.as_ref().map(|leader| {
+                let next = leader.as_ref().map(|leader| {
                     self.place(leader.vehicle()).unwrap_or_else(|| {
                         let (state, size) = (|i| leader.state(i), f64::from(leader.size()[0]));
                         self.add(seen(leader.vehicle(), state, shape.t_obs, shape.dt(), size, self.spans))
                     })
                 });
+                // A file may name vehicles that follow one another in a circle: nobody leads there.
+                self.vehicles[place].leader = next.filter(|next| !self.follows(*next, place));
             }
             let (Some(next), Some(ahead)) = (self.vehicles[place].leader, leader) else { return };
             (place, leader) = (next, ahead.leader());
@@ -213,11 +216,12 @@ fn seen(
         0 | 1 => (f64::from(now.vx), 0.),
         seen => (slope(over(spans.speed)) / dt, (seen - 1) as f64 * dt / 2.),
     };
-    let ((acceleration, variance), (slow_acceleration, _)) = if x.len() < LEAST {
-        ((0., f64::INFINITY), (0., 0.))
-    } else {
-        (curvature(over(spans.acceleration), dt), curvature(over(spans.slow_acceleration), dt))
+    let fitted = |periods: usize| match over(periods).len() {
+        0..LEAST => (0., f64::INFINITY),
+        _ => curvature(over(periods), dt),
     };
+    let ((acceleration, variance), (slow_acceleration, _)) =
+        (fitted(spans.acceleration), fitted(spans.slow_acceleration));
     let position = f64::from(now.x);
     SeenVehicle { vehicle, position, speed, since, acceleration, variance, slow_acceleration, length, leader: None }
 }
@@ -272,6 +276,26 @@ mod tests {
         let spread = found.iter().map(|it| (it.0 - mean).powi(2)).sum::<f64>() / 4000.;
         let stated = found.iter().map(|it| it.1).sum::<f64>() / 4000.;
         assert!((mean - 2.).abs() < 0.05 && (stated / spread - 1.).abs() < 0.1, "{mean} {spread} {stated}");
+    }
+
+    #[test]
+    fn a_column_is_fitted_alone_and_no_deeper_than_that_of_a_target() {
+        let vehicle = |vehicle: u32, leader| SeenVehicle {
+            vehicle,
+            position: f64::from(vehicle) * 20.,
+            speed: 10.,
+            since: 0.4,
+            acceleration: 0.,
+            variance: 0.,
+            slow_acceleration: 0.,
+            length: 5.,
+            leader,
+        };
+        let vehicles = (0..7).map(|i| vehicle(i, (i < 6).then_some(i as usize + 1))).collect();
+        let traffic = Traffic { vehicles, slots: [None; SLOTS], beyond: None };
+        assert_eq!(traffic.column().count(), 6);
+        let alone = traffic.target_alone();
+        assert_eq!((alone.vehicles.len(), alone.vehicles[DEPTH].leader), (1 + DEPTH, None));
     }
 
     #[test]

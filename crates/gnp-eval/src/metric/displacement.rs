@@ -17,7 +17,7 @@ pub(super) fn least_ade(case: &ScoredWindow<'_>, k: usize, frames: usize) -> f64
     least(k, |mode| case.squared(mode, frames).iter().map(|squared| squared.sqrt()).sum::<f64>() / frames as f64)
 }
 
-/// Squared error of the likeliest mode in the last of `frames` frames along one axis, m²: 0 along
+/// Squared error of the first mode in the last of `frames` frames along one axis, m²: 0 along
 /// the road, 1 across it.
 pub(super) fn squared_along(case: &ScoredWindow<'_>, axis: usize, frames: usize) -> f64 {
     let (p, q) = (case.modes()[0].path[frames - 1], case.reference().path()[frames - 1]);

@@ -93,7 +93,7 @@ fn the_best_rule_has_the_lowest_rmse_at_the_longest_horizon() {
     assert_eq!(site.rows[2].min_fde.unwrap().value, 2.95);
     assert_eq!(
         summary.sentence(),
-        "On us-101, the likeliest path of GNP ends 5.5 m (5.2 to 5.8) from the truth after 5 s (RMSE), that of constant \
+        "On us-101, the prediction of GNP ends 5.5 m (5.2 to 5.8) from the truth after 5 s (RMSE), that of constant \
          velocity 6.8 m (6.5 to 7.1), that of the best rule, IDM along the lane, 5.9 m (5.7 to 6.2); GNP and the best \
          rule cannot be told apart."
     );

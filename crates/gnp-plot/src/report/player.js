@@ -141,10 +141,10 @@
       stroke(past.filter(Boolean), look.past, 2.5);
     }
     if (forecast) {
-      const likeliest = pathOf(forecast, 0), step = (state.frame - forecast.frame) / data.rate / data.every;
+      const prediction = pathOf(forecast, 0), step = (state.frame - forecast.frame) / data.rate / data.every;
       if (state.modes) forecast.modes.forEach((m, i) => i && stroke(pathOf(forecast, i), COLOURS.others, 1.6));
-      stroke(likeliest, look.best, 2.6);
-      const ghost = along(likeliest, step);
+      stroke(prediction, look.best, 2.6);
+      const ghost = along(prediction, step);
       if (step > 0.01) box(picked, ghost, null, COLOURS.target, [3, 2]);
       if (state.forces) {
         const s = forecast.steps[Math.min(Math.floor(step), forecast.steps.length - 1)];
@@ -164,7 +164,7 @@
     slider.value = state.frame;
     byId("play").textContent = state.playing ? "Pause" : "Play";
     const seconds = (state.frame / data.rate).toFixed(1);
-    status.textContent = `${seconds} s` + (picked && here ? `, vehicle ${picked.id}: ${speed(picked, state.frame).toFixed(1)} m/s` : "") + (picked && !here ? `, vehicle ${picked.id} is not there` : "") + (forecast ? `, forecast made at ${(forecast.frame / data.rate).toFixed(1)} s, likeliest of ${forecast.modes.length}: ${(100 * forecast.modes[0].p).toFixed(0)} %` + (picked.evaluated ? ` (${data.subset} subset)` : ` (not in the ${data.subset} subset)`) : picked ? ", no forecast yet" : ", pick a vehicle by click or with N");
+    status.textContent = `${seconds} s` + (picked && here ? `, vehicle ${picked.id}: ${speed(picked, state.frame).toFixed(1)} m/s` : "") + (picked && !here ? `, vehicle ${picked.id} is not there` : "") + (forecast ? `, forecast made at ${(forecast.frame / data.rate).toFixed(1)} s, the first of ${forecast.modes.length}: ${(100 * forecast.modes[0].p).toFixed(0)} %` + (picked.evaluated ? ` (${data.subset} subset)` : ` (not in the ${data.subset} subset)`) : picked ? ", no forecast yet" : ", pick a vehicle by click or with N");
     for (const key of ["forces", "modes", "neighbours"]) byId(key).setAttribute("aria-pressed", state[key]);
   };
 

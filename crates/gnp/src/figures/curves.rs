@@ -41,7 +41,7 @@ pub(super) fn error_by_horizon(run: &Run) -> Result<Figure> {
     };
     scores.retain(|score| score.site == site);
     let panels = [
-        ("rmse_at", 1, "Root mean square error of the likeliest future", "RMSE, top-1 (m)"),
+        ("rmse_at", 1, "Root mean square error of the prediction", "RMSE, top-1 (m)"),
         (
             "min_fde",
             6,

@@ -34,11 +34,11 @@ impl Quantity {
     }
 }
 
-const LIKELIEST: Quantity = Quantity {
+const PREDICTION: Quantity = Quantity {
     protocol: Protocol::Literature,
     metric: "rmse_at",
     k: 1,
-    title: "RMSE of the likeliest future",
+    title: "RMSE of the prediction",
     axis: "RMSE, top-1 (m)",
 };
 const BEST_OF_6: Quantity = Quantity {
@@ -52,7 +52,7 @@ const OVERLAP: Quantity = Quantity {
     protocol: Protocol::Clean,
     metric: "overlap",
     k: 1,
-    title: "Likeliest path through another's recorded box",
+    title: "Prediction through another's recorded box",
     axis: "windows (%)",
 };
 
@@ -156,7 +156,10 @@ fn by_horizon(scored: &Scored<'_>, scores: &[&Score]) -> (Vec<DotPanel>, String)
     let caption = "Each row is a system, each dot its error at one horizon, bars are 95 % intervals from a bootstrap over \
                    vehicles; dashed lines carry the first row down. Systems without a network have one future. Hollow: \
                    handed recorded futures, which no system on a road has.";
-    ([LIKELIEST, BEST_OF_6].map(panel).into_iter().filter(|panel| !panel.rows.is_empty()).collect(), caption.to_owned())
+    (
+        [PREDICTION, BEST_OF_6].map(panel).into_iter().filter(|panel| !panel.rows.is_empty()).collect(),
+        caption.to_owned(),
+    )
 }
 
 fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel>, String) {
@@ -218,7 +221,7 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
                    interval of that difference from a bootstrap over vehicles, both models on the same draws: right of \
                    zero the part helps. Numbers on the right are the values themselves. Hollow: handed recorded futures, \
                    a triangle where the value lies beyond the axis; such rows have no place under protocol clean.";
-    let panels = [against(LIKELIEST), against(BEST_OF_6), overlap()];
+    let panels = [against(PREDICTION), against(BEST_OF_6), overlap()];
     (panels.into_iter().filter(|panel| !panel.rows.is_empty()).collect(), caption.to_owned())
 }
 
@@ -259,7 +262,7 @@ mod tests {
         let value = |model: &str| if model == "gnp" { 1. } else { 1.5 };
         let mut all = Vec::new();
         for model in ["gnp", "other", "uses_future"] {
-            all.extend([1., 5.].map(|h| score(model, LIKELIEST, h, h * value(model))));
+            all.extend([1., 5.].map(|h| score(model, PREDICTION, h, h * value(model))));
             if model != "uses_future" {
                 all.push(score(model, BEST_OF_6, 5., value(model)));
                 all.push(score(model, OVERLAP, 5., 0.1 * value(model)));
@@ -312,7 +315,7 @@ mod tests {
     fn a_worse_variant_lies_right_of_zero() {
         let scores = scores();
         let differences =
-            [difference(LIKELIEST, "other"), difference(LIKELIEST, "uses_future"), difference(BEST_OF_6, "other")];
+            [difference(PREDICTION, "other"), difference(PREDICTION, "uses_future"), difference(BEST_OF_6, "other")];
         let scored = scored(&scores, &differences);
         let of_site: Vec<&Score> = scores.iter().collect();
         let (panels, _) = ablation(&scored, &of_site, "us-101");

@@ -21,7 +21,7 @@ pub(crate) struct Printed {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Quantity {
-    /// RMSE of the likeliest future at the instant.
+    /// RMSE of the prediction at the instant.
     Top1AtInstant,
     /// ADE, FDE and RMSE of the best of 20 goals, averaged up to the horizon, RMSE per coordinate as
     /// far as one can see.
