@@ -257,6 +257,21 @@ mod tests {
 
     use super::*;
 
+    /// Vehicles 20 m apart, each 5 m long.
+    fn vehicle(vehicle: u32, leader: Option<usize>) -> SeenVehicle {
+        SeenVehicle {
+            vehicle,
+            position: f64::from(vehicle) * 20.,
+            speed: 10.,
+            since: 0.4,
+            acceleration: 0.,
+            variance: 0.,
+            slow_acceleration: 0.,
+            length: 5.,
+            leader,
+        }
+    }
+
     #[test]
     fn a_parabola_has_its_own_curvature_without_any_doubt() {
         let values: Vec<f64> = (0..9).map(|i| 3. + 2. * f64::from(i) - 0.25 * f64::from(i * i)).collect();
@@ -280,17 +295,6 @@ mod tests {
 
     #[test]
     fn a_column_is_fitted_alone_and_no_deeper_than_that_of_a_target() {
-        let vehicle = |vehicle: u32, leader| SeenVehicle {
-            vehicle,
-            position: f64::from(vehicle) * 20.,
-            speed: 10.,
-            since: 0.4,
-            acceleration: 0.,
-            variance: 0.,
-            slow_acceleration: 0.,
-            length: 5.,
-            leader,
-        };
         let vehicles = (0..7).map(|i| vehicle(i, (i < 6).then_some(i as usize + 1))).collect();
         let traffic = Traffic { vehicles, slots: [None; SLOTS], beyond: None };
         assert_eq!(traffic.column().count(), 6);
@@ -300,17 +304,6 @@ mod tests {
 
     #[test]
     fn without_the_nearest_the_next_is_followed() {
-        let vehicle = |vehicle, leader| SeenVehicle {
-            vehicle,
-            position: f64::from(vehicle) * 20.,
-            speed: 10.,
-            since: 0.4,
-            acceleration: 0.,
-            variance: 0.,
-            slow_acceleration: 0.,
-            length: 5.,
-            leader,
-        };
         let vehicles = vec![vehicle(0, Some(1)), vehicle(1, Some(2)), vehicle(2, None)];
         let traffic = Traffic { vehicles, slots: [None; SLOTS], beyond: None };
         let column = |traffic: &Traffic| traffic.column().map(|it| it.vehicle).collect::<Vec<_>>();
