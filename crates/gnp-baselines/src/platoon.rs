@@ -83,6 +83,8 @@ pub struct FittedDrivers {
     pub intervals: BTreeMap<String, [f64; 2]>,
     /// Windows that they were fitted to.
     pub windows: usize,
+    /// Windows that say nothing about them: the traffic cannot be rolled out, or the future is shorter than a second.
+    pub left_out: usize,
     /// Vehicles of these windows.
     pub vehicles: usize,
 }
@@ -216,14 +218,15 @@ impl PlatoonRule {
     /// # Errors
     /// As [`PlatoonRule::new`].
     pub fn of_drivers(drivers: Drivers) -> Result<Self, BaselineError> {
-        let pooled = FittedDrivers { drivers, intervals: BTreeMap::new(), windows: 0, vehicles: 0 };
+        let pooled = FittedDrivers { drivers, intervals: BTreeMap::new(), windows: 0, left_out: 0, vehicles: 0 };
         Self::new(PlatoonParameters { pooled, sites: BTreeMap::new() })
     }
 
     /// Fits drivers to training windows, by site where a site has enough of them.
     ///
     /// # Errors
-    /// [`BaselineError::NoWindows`], [`BaselineError::Shapes`] for windows of several shapes.
+    /// [`BaselineError::NoWindows`], [`BaselineError::Shapes`] for windows of several shapes, [`BaselineError::Rule`] where
+    /// the search fails.
     pub fn fit(training: &[gnp_data::Window<'_>]) -> Result<Self, BaselineError> {
         Self::new(fit::fit(training)?)
     }

@@ -151,6 +151,12 @@ impl<'a> Observation<'a> {
         self.track
     }
 
+    /// Vehicle of the file.
+    #[must_use]
+    pub fn vehicle(&self) -> u32 {
+        self.track().vehicle
+    }
+
     /// Site of the recording.
     #[must_use]
     pub fn site(&self) -> &'a str {

@@ -186,7 +186,7 @@ pub(crate) fn tell(
 }
 
 fn account(seen: &Observation<'_>, forecast: &Forecast) -> Option<Account> {
-    Account::of(seen.key().vehicle, forecast.modes.first()?, seen.shape().dt())
+    Account::of(seen.vehicle(), forecast.modes.first()?, seen.shape().dt())
 }
 
 /// The scene with its changes but for the goal.

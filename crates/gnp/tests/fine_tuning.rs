@@ -2,25 +2,17 @@
 
 #![allow(clippy::unwrap_used)] // also outside the test functions
 
+mod smoke;
+
 use std::path::Path;
 
-use gnp::{Machine, Plan, Run, RunConfig, Stage};
+use gnp::{Machine, Plan, Run, Stage};
 use gnp_data::{Observation, Predictor as _};
 use gnp_model::Checkpoint;
 use gnp_modes::Modes;
 use tempfile::TempDir;
 
-fn config(more: &[&str]) -> RunConfig {
-    let settings = ["data.max_recordings=3", "goal.epochs=1", "attraction.epochs=1", "repulsion.epochs=1"];
-    let set: Vec<_> = settings.iter().chain(more).map(|text| text.parse().unwrap()).collect();
-    RunConfig::embedded("smoke", &set).unwrap()
-}
-
-fn trained(config: RunConfig, out: &Path) -> Run {
-    let mut run = Plan::new(config, None, out).begin(&Machine::default()).unwrap();
-    run.train().unwrap();
-    run
-}
+use smoke::{config, trained};
 
 /// First futures of some windows, m.
 fn predicted(run: &Run) -> Vec<[f32; 2]> {

@@ -2,25 +2,17 @@
 
 #![allow(clippy::unwrap_used)] // also outside the test functions
 
+mod smoke;
+
 use std::path::Path;
 
 use candle_core::Device;
-use gnp::{Error, Machine, Plan, Run, RunConfig, Silent, Stage, Stop};
+use gnp::{Error, Machine, Plan, Run, Silent, Stage, Stop};
 use gnp_data::{Observation, Predictor as _};
 use gnp_model::{Gnp, Selection};
 use tempfile::TempDir;
 
-fn config(more: &[&str]) -> RunConfig {
-    let settings = ["data.max_recordings=3", "goal.epochs=1", "attraction.epochs=1", "repulsion.epochs=1"];
-    let set: Vec<_> = settings.iter().chain(more).map(|text| text.parse().unwrap()).collect();
-    RunConfig::embedded("smoke", &set).unwrap()
-}
-
-fn trained(config: RunConfig, out: &Path) -> Run {
-    let mut run = Plan::new(config, None, out).begin(&Machine::default()).unwrap();
-    run.train().unwrap();
-    run
-}
+use smoke::{config, trained};
 
 /// The model of a run once chose goals by another rule than `[predict]` says wherever it was shown: in the scene player
 /// and in replays.

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::traffic::Traffic;
-use super::{Drivers, FittedDrivers, Motion, PlatoonParameters, roll_out, spans};
+use super::{Drivers, FittedDrivers, Motion, PlatoonParameters, PlatoonRule, roll_out, spans};
 use crate::motion::BaselineError;
 
 /// Vehicles that a site must have for drivers of its own.
@@ -56,19 +56,20 @@ struct Case {
 /// Fits the drivers of every site and of all together.
 ///
 /// # Errors
-/// [`BaselineError::NoWindows`]; [`BaselineError::Shapes`] for windows of several shapes.
+/// [`BaselineError::NoWindows`]; [`BaselineError::Shapes`] for windows of several shapes; [`BaselineError::Rule`] where the
+/// search fails.
 pub(super) fn fit(training: &[Window<'_>]) -> Result<PlatoonParameters, BaselineError> {
     let shape = training.first().ok_or(BaselineError::NoWindows)?.observation().shape();
     if training.iter().any(|window| !window.observation().shape().fits(&shape)) || shape.t_obs < 2 {
         return Err(BaselineError::Shapes);
     }
-    // Traffic that cannot be rolled out, and futures of less than a second, say nothing about drivers.
     let possible = |case: &Case| {
         let (mut followers, mut motion) = (Vec::new(), Motion::default());
         let rolled = roll_out(&Drivers::TYPICAL, case.column.vehicles(), &shape, &mut followers, &mut motion);
         rolled.is_ok() && !case.truth.is_empty()
     };
-    let cases: Vec<Case> = training.par_iter().map(|window| case(window, shape)).filter(possible).collect();
+    let all: Vec<Case> = training.par_iter().map(|window| case(window, shape)).collect();
+    let (cases, left_out): (Vec<Case>, Vec<Case>) = all.into_iter().partition(possible);
     if cases.is_empty() {
         return Err(BaselineError::NoWindows);
     }
@@ -76,16 +77,20 @@ pub(super) fn fit(training: &[Window<'_>]) -> Result<PlatoonParameters, Baseline
     for case in &cases {
         drivers.entry(&case.site).or_default().insert(&case.vehicle);
     }
-    let fitted = |site: Option<&str>| {
-        let of_site: Vec<&Case> = cases.iter().filter(|case| site.is_none_or(|site| case.site == site)).collect();
+    let fitted = |site: Option<&str>| -> Result<FittedDrivers, BaselineError> {
+        let here = |case: &&Case| site.is_none_or(|site| case.site == site);
+        let of_site: Vec<&Case> = cases.iter().filter(here).collect();
         let step = of_site.len().div_ceil(MOST_WINDOWS).max(1);
         let taken: Vec<&Case> = of_site.into_iter().step_by(step).collect();
-        Problem::new(taken, shape).fit()
+        let fitted = Problem::new(taken, shape).fit();
+        let fitted =
+            fitted.map_err(|e| BaselineError::Rule { rule: PlatoonRule::NAME.to_owned(), source: e.into() })?;
+        Ok(FittedDrivers { left_out: left_out.iter().filter(here).count(), ..fitted })
     };
     // One site alone is what all together are.
     let own = drivers.iter().filter(|(_, vehicles)| drivers.len() > 1 && vehicles.len() >= LEAST_VEHICLES);
-    let sites = own.map(|(site, _)| ((*site).to_owned(), fitted(Some(site)))).collect();
-    Ok(PlatoonParameters { pooled: fitted(None), sites })
+    let sites = own.map(|(site, _)| Ok(((*site).to_owned(), fitted(Some(site))?)));
+    Ok(PlatoonParameters { sites: sites.collect::<Result<_, BaselineError>>()?, pooled: fitted(None)? })
 }
 
 fn case(window: &Window<'_>, shape: WindowShape) -> Case {
@@ -133,7 +138,7 @@ impl<'a> Problem<'a> {
         self.cases.par_iter().with_min_len(32).map_init(room, of_case).collect()
     }
 
-    fn fit(&self) -> FittedDrivers {
+    fn fit(&self) -> Result<FittedDrivers, Error> {
         let start: Vec<f64> = FITTED.iter().map(|parameter| parameter.coordinate(&Drivers::TYPICAL)).collect();
         let mut corners = vec![start.clone()];
         corners.extend((0..start.len()).map(|i| {
@@ -141,17 +146,17 @@ impl<'a> Problem<'a> {
             corner[i] += if corner[i] > 0. { -0.7 } else { 0.7 };
             corner
         }));
-        let found = NelderMead::new(corners)
-            .with_sd_tolerance(TOLERANCE * self.cost(&start).unwrap_or(1.))
-            .and_then(|solver| Executor::new(self, solver).configure(|state| state.max_iters(STEPS)).run());
-        let best = found.ok().and_then(|found| found.state().get_best_param().cloned()).unwrap_or(start);
+        let solver = NelderMead::new(corners).with_sd_tolerance(TOLERANCE * self.cost(&start)?)?;
+        let found = Executor::new(self, solver).configure(|state| state.max_iters(STEPS)).run()?;
+        let best = found.state().get_best_param().cloned().unwrap_or(start);
         let drivers = drivers(&best);
-        FittedDrivers {
+        Ok(FittedDrivers {
             intervals: self.intervals(&best),
             drivers,
             windows: self.cases.len(),
+            left_out: 0,
             vehicles: self.vehicles.iter().collect::<BTreeSet<_>>().len(),
-        }
+        })
     }
 
     /// Intervals by the sandwich estimator with vehicles as clusters, in the coordinates of the search; a parameter that

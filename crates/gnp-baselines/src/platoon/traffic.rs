@@ -62,7 +62,7 @@ impl Traffic {
         let shape = observation.shape();
         let own = |i| Some(observation.target(i));
         let target = seen(u32::MAX, own, shape.t_obs, shape.dt(), f64::from(observation.size()[0]), spans);
-        let target = gathering.add(SeenVehicle { vehicle: observation.key().vehicle, ..target });
+        let target = gathering.add(SeenVehicle { vehicle: observation.vehicle(), ..target });
         gathering.follow(target, observation.leader());
         let slots = Slot::ALL.map(|slot| {
             let neighbour = observation.neighbour(slot)?;
