@@ -1,13 +1,13 @@
 //! Many models by rows: a dot for each value with its interval, first row marked through all others.
 
 use crate::axes::{Axis, Panel};
-use crate::figure::{Figure, Legend, Sheet, Source, WIDTH};
+use crate::figure::{Figure, LETTER, Legend, Sheet, Source, WIDTH};
 use crate::palette::{BEST, BLUE, GRID, INK};
 use crate::svg::Svg;
 
 /// Height of a row, user units.
 const ROW: f64 = 12.;
-/// Right edge of the names, and left edge of what is written behind a row.
+/// Right edge of the names where none is longer, and left edge of what is written behind a row.
 const NAMES: f64 = 116.;
 const NOTES: f64 = WIDTH - 34.;
 
@@ -69,9 +69,12 @@ pub fn dot_rows(name: &str, title: &str, caption: &str, panels: &[DotPanel], sou
     if panels.iter().flat_map(|panel| &panel.rows).any(|row| row.uses_future) {
         legend(&mut sheet);
     }
+    let longest = panels.iter().flat_map(|panel| &panel.rows).map(|row| row.name.chars().count()).max().unwrap_or(0);
+    // One edge for all panels, so that they can be compared; at least a third of the width is left to the dots.
+    let names = (LETTER * longest as f64 + 4.).clamp(NAMES, WIDTH / 2.);
     for panel in panels {
         sheet.note(&panel.title);
-        draw(&mut sheet, panel);
+        draw(&mut sheet, panel, names);
     }
     sheet.finish(caption, source)
 }
@@ -86,12 +89,12 @@ fn legend(sheet: &mut Sheet) {
     sheet.y = legend.bottom();
 }
 
-fn draw(sheet: &mut Sheet, panel: &DotPanel) {
+fn draw(sheet: &mut Sheet, panel: &DotPanel, names: f64) {
     let several = panel.columns.len() > 1;
     let top = sheet.y + if several || !panel.notes.is_empty() { 14. } else { 3. };
     let height = ROW * panel.rows.len().max(1) as f64 + 4.;
     let x = axis_of(panel);
-    let drawn = Panel { place: [NAMES + 6., top, NOTES - NAMES - 10., height], x, y: Axis::new(0., 1.) };
+    let drawn = Panel { place: [names + 6., top, NOTES - names - 10., height], x, y: Axis::new(0., 1.) };
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
     let svg = &mut sheet.svg;
     svg.group("class=\"rows\"");
@@ -128,7 +131,7 @@ fn row_at(svg: &mut Svg, panel: &Panel, row: &DotRow, index: usize, y: f64) {
     svg.group(&format!("class=\"row{}\"", if row.uses_future { " uses_future" } else { "" }));
     svg.line([left, y], [left + width, y], &format!("stroke=\"{GRID}\" stroke-width=\"0.6\""));
     let weight = if index == 0 { "font-weight=\"bold\"" } else { "" };
-    svg.text([NAMES, y + 3.2], &row.name, &format!("class=\"name\" text-anchor=\"end\" {weight} {small}"));
+    svg.text([left - 6., y + 3.2], &row.name, &format!("class=\"name\" text-anchor=\"end\" {weight} {small}"));
     svg.text([NOTES, y + 3.2], &row.note, &format!("class=\"note\" {small}"));
     for dot in row.dots.iter().flatten().filter(|dot| dot.value.is_finite()) {
         if let Some([low, high]) = dot.interval {

@@ -11,7 +11,7 @@ const LETTERS: usize = 68;
 const BOLD_LETTERS: usize = 60;
 const TITLE_LETTERS: usize = 42;
 /// Width of a small letter, user units, rather too large than too small.
-const LETTER: f64 = 5.1;
+pub(crate) const LETTER: f64 = 5.1;
 
 /// A finished figure.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -13,8 +13,8 @@ pub struct Intentions {
     pub centres: Vec<Vec<[f32; 2]>>,
     /// Futures in each cluster.
     pub sizes: Vec<usize>,
-    /// The centres are deviations from constant velocity, not positions.
-    pub deviation: bool,
+    /// What the centres are deviations from, such as `constant velocity`; none where they are positions.
+    pub deviation_from: Option<String>,
     /// Seconds that a centre spans.
     pub seconds: f64,
 }
@@ -37,17 +37,16 @@ pub fn intentions(modes: &Intentions, source: &Source) -> Figure {
     let height = (SPAN / (x[1] - x[0]) * (y[1] - y[0]) * stretch).min(220.);
     let stretch = height / (SPAN / (x[1] - x[0]) * (y[1] - y[0]));
     let panel = Panel { place: [LEFT, sheet.y + 8., SPAN, height], x: Axis::new(x[0], x[1]), y: Axis::new(y[0], y[1]) };
-    let (forward, left) = if modes.deviation {
-        ("forward of where constant velocity leads (m)", "left of it (m)")
-    } else {
-        ("forward of the vehicle (m)", "left (m)")
+    let (forward, left) = match &modes.deviation_from {
+        Some(reference) => (format!("forward of where {reference} leads (m)"), "left of it (m)"),
+        None => ("forward of the vehicle (m)".to_owned(), "left (m)"),
     };
     let stretched = if (stretch - 1.).abs() > 0.01 {
         format!("{left}, stretched \u{d7}{}", number((stretch * 10.).round() / 10.))
     } else {
         left.to_owned()
     };
-    panel.frame(&mut sheet.svg, forward, &stretched, true);
+    panel.frame(&mut sheet.svg, &forward, &stretched, true);
     sheet.svg.group("class=\"modes\"");
     for (centre, size) in modes.centres.iter().zip(&modes.sizes).rev() {
         let mut points = vec![panel.at(0., 0.)];
@@ -84,7 +83,7 @@ pub fn intentions(modes: &Intentions, source: &Source) -> Figure {
         "The intention modes: centres of the clusters of training futures over {:.0} s, {}; dark and thick where a \
          cluster is large.",
         modes.seconds,
-        if modes.deviation { "as deviations from constant velocity" } else { "as positions" }
+        modes.deviation_from.as_ref().map_or("as positions".to_owned(), |from| format!("as deviations from {from}"))
     );
     sheet.finish(&caption, source)
 }

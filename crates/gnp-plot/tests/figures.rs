@@ -69,7 +69,7 @@ fn every_figure(simulated: bool) -> Vec<Figure> {
     let modes = Intentions {
         centres: vec![vec![[10., 0.], [20., 0.]], vec![[9., 1.], [18., 3.]]],
         sizes: vec![40, 3],
-        deviation: false,
+        deviation_from: None,
         seconds: 5.,
     };
     let given = |probability, right, vehicle: usize| GivenMode { probability, right, vehicle };
@@ -164,6 +164,31 @@ fn rows_of_dots() -> Vec<DotPanel> {
         row("true goal", true, &[at(-9.)]),
     ];
     vec![panel(DotScaling::Log, &["1", "5"], errors), panel(DotScaling::Difference, &[], differences)]
+}
+
+/// The longest name begins within the picture.
+#[test]
+fn names_of_rows_are_not_cut() {
+    let mut panels = rows_of_dots();
+    let name = "neighbours at constant velocity";
+    panels[1].rows[1].name = name.to_owned();
+    let figure = dot_rows("rows", "Rows of models", "Rows.", &panels, &source(false));
+    let text = figure.svg.split("<text").find(|text| text.contains(name)).unwrap();
+    let x: f64 = text.split("x=\"").nth(1).and_then(|rest| rest.split('"').next()).unwrap().parse().unwrap();
+    assert!(x >= 4.6 * name.len() as f64, "{x}: {text}");
+}
+
+#[test]
+fn modes_say_what_they_are_deviations_from() {
+    let modes = |deviation_from: Option<&str>| Intentions {
+        centres: vec![vec![[1., 0.], [2., 0.]]],
+        sizes: vec![4],
+        deviation_from: deviation_from.map(str::to_owned),
+        seconds: 5.,
+    };
+    let platoon = intentions(&modes(Some("the platoon")), &source(false));
+    assert!(platoon.svg.contains("forward of where the platoon leads") && platoon.caption.contains("from the platoon"));
+    assert!(intentions(&modes(None), &source(false)).svg.contains("forward of the vehicle"));
 }
 
 fn chart() -> ChartPanel {
@@ -453,7 +478,12 @@ fn nothing_at_all_is_drawn_without_breaking() {
     };
     let nowhere = Scene { truth: vec![[f32::NAN, 1.], [f32::INFINITY, 2.]], ..scene() };
     let no_lane = SpaceTime { title: String::new(), traces: Vec::new(), forecasts: Vec::new() };
-    let none = Intentions { centres: Vec::new(), sizes: Vec::new(), deviation: true, seconds: 5. };
+    let none = Intentions {
+        centres: Vec::new(),
+        sizes: Vec::new(),
+        deviation_from: Some("the platoon".to_owned()),
+        seconds: 5.,
+    };
     let source = source(false);
     for figure in [
         force_scenes("scenes", "Forces", &[empty, nowhere], 1., &source),

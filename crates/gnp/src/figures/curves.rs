@@ -24,7 +24,11 @@ pub(super) fn modes(material: &Material<'_>) -> Figure {
     let drawn = Intentions {
         centres: (0..modes.len()).filter_map(|i| modes.centre(i).map(pairs)).collect(),
         sizes: modes.sizes.clone(),
-        deviation: modes.frame == ModeFrame::Deviation,
+        deviation_from: match modes.frame {
+            ModeFrame::Position => None,
+            ModeFrame::Deviation => Some("constant velocity".to_owned()),
+            ModeFrame::PlatoonDeviation => Some("the platoon".to_owned()),
+        },
         seconds: shape.t_pred as f64 * shape.dt(),
     };
     intentions(&drawn, &source_of(&material.run.folder.state.data, "training"))
