@@ -190,7 +190,7 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
         });
         DotPanel {
             title: quantity.title(&format!("{last} s")),
-            axis: format!("difference to the full model, {}", quantity.axis),
+            axis: "difference to the full model (m)".to_owned(),
             scaling: DotScaling::Difference,
             columns: Vec::new(),
             notes: "m".to_owned(),
