@@ -19,9 +19,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut rows = Vec::new();
     println!("time_s,x_m,y_m,speed_mps,truck_x_m,truck_y_m,goal_x,goal_y,neighbours_x,neighbours_y,lines_y");
     for _ in 0..=900 {
-        let (me, other) = (*scene.vehicle(car).ok_or("the car left")?, *scene.vehicle(truck).ok_or("the lorry left")?);
-        let gap = me.separation_from(&other).ahead;
-        let behind = me.state.position.x < other.state.position.x;
+        let (me, other) = (scene.vehicle(car).ok_or("the car left")?, scene.vehicle(truck).ok_or("the lorry left")?);
+        let gap = me.separation_from(other).ahead;
+        let (state, other) = (me.state, other.state);
+        let behind = state.position.x < other.position.x;
         let lane = if (behind && gap < 90.0) || (!behind && gap < 15.0) { left } else { right };
         scene.set_drive(car, Drive::Cruise { speed: 32.0, y: lane })?;
 
@@ -29,11 +30,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (pushes, lines) = (forces.neighbours_total(), forces.lines_total());
         let row = [
             scene.time(),
-            me.state.position.x,
-            me.state.position.y,
-            me.state.velocity.x,
-            other.state.position.x,
-            other.state.position.y,
+            state.position.x,
+            state.position.y,
+            state.velocity.x,
+            other.position.x,
+            other.position.y,
             forces.goal.x,
             forces.goal.y,
             pushes.x,

@@ -1,7 +1,7 @@
 //! The four laws over distance, as CSV: `cargo run --example laws [-- --svg FILE]`.
 use gnp_force::{
     MarkingKind, Side, goal_force, line_force,
-    nalgebra::{Point2, Vector2},
+    na::{Point2, Vector2},
     vehicle_force,
 };
 use std::error::Error;

@@ -1,9 +1,9 @@
 //! Five minutes on two kilometres of a three-lane motorway with lorries, overtaking and a slowdown.
 //!
 //! `cargo run --example motorway_section -- [FILE] [--svg FILE]` writes every vehicle once a second with its forces:
-//! SUMO's floating car data when the name ends in `.xml`, CSV otherwise, CSV to the terminal without a name. As a
-//! driver's decision, overtaking is no force; the rule here is a plain one and stands at the end of this file.
-use gnp_force::{Drive, Road, Simulator, SimulatorParams, State, Surroundings, Vehicle, VehicleId};
+//! SUMO's floating car data when the name ends in `.xml`, CSV otherwise, CSV to the terminal without a name. Vehicles
+//! enter by an inflow for each lane, drivers overtake by MOBIL, and whoever passes the end of the road leaves.
+use gnp_force::{Drive, Event, Headways, Inflow, Mobil, Road, Simulator, SimulatorParams, State, Vehicle, VehicleId};
 use std::{
     collections::BTreeMap,
     error::Error,
@@ -19,6 +19,8 @@ const LENGTH: f64 = 2000.0;
 const LANES: usize = 3;
 const STEPS: u32 = 7500;
 const DT: f64 = 0.04;
+/// Vehicles an hour and lane.
+const FLOW: f64 = 1400.0;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let (svg, files) = chart::arguments()?;
@@ -29,28 +31,46 @@ fn main() -> Result<(), Box<dyn Error>> {
         None => Box::new(BufWriter::new(std::io::stdout().lock())),
     };
 
-    let mut section = Section::new()?;
-    write_head(&mut out, xml)?;
+    let road = Road::motorway(LANES, 3.75)?.ending_at(LENGTH)?;
+    let mut scene = Simulator::new(SimulatorParams::motorway(DT), road)?;
+    let mut inflows =
+        (0..LANES as u64).map(|lane| Inflow::new(FLOW, Headways::Even, lane)).collect::<Result<Vec<_>, _>>()?;
+    let mut wishes = BTreeMap::new();
     let mut tracks = BTreeMap::<VehicleId, Vec<(f64, f64)>>::new();
+    let [mut left, mut changes, mut contacts] = [0, 0, 0];
+    write_head(&mut out, xml)?;
     for step in 0..STEPS {
-        section.enter(step)?;
-        section.decide()?;
+        for (lane, inflow) in inflows.iter_mut().enumerate() {
+            let Some(y) = scene.road().lane_centre(lane) else { continue };
+            let wish = wish(lane, inflow.entered());
+            if let Some(id) = scene.admit(inflow, |number| driver(lane, number, wish, y))? {
+                wishes.insert(id, wish);
+            }
+        }
+        slow_down_at_works(&mut scene, &wishes)?;
         if step % 25 == 0 {
-            write_frame(&mut out, xml, &section.scene)?;
-            for (id, vehicle) in section.scene.vehicles() {
-                if section.scene.road().lane_at(vehicle.state.position.y) == 1 {
-                    tracks.entry(id).or_default().push((section.scene.time(), vehicle.state.position.x));
+            write_frame(&mut out, xml, &scene)?;
+            for (id, vehicle) in scene.vehicles() {
+                if scene.road().lane_at(vehicle.state.position.y) == 1 {
+                    tracks.entry(id).or_default().push((scene.time(), vehicle.state.position.x));
                 }
             }
         }
-        section.scene.step();
-        section.scene.retain(|_, vehicle| vehicle.state.position.x < LENGTH);
+        for event in scene.step() {
+            match event {
+                Event::Left { .. } => left += 1,
+                Event::LaneChange { .. } => changes += 1,
+                Event::Contact { .. } => contacts += 1,
+                Event::Arrived { .. } => {}
+            }
+        }
     }
     if xml {
         writeln!(out, "</fcd-export>")?;
     }
     out.flush()?;
-    eprintln!("{} vehicles entered, {} are still on the section", section.entered, section.scene.vehicles().len());
+    let entered: u64 = inflows.iter().map(Inflow::entered).sum();
+    eprintln!("{entered} vehicles entered, {left} left, {changes} lane changes, {contacts} contacts");
 
     if let Some(file) = svg {
         std::fs::write(file, draw(&[time_space(tracks)]))?;
@@ -58,102 +78,35 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The traffic: a scene, what every driver wishes, and how many came.
-struct Section {
-    scene: Simulator<f64>,
-    wishes: BTreeMap<VehicleId, f64>,
-    entered: usize,
+/// Whether the vehicle of that number is a lorry: every third in the right lane.
+fn is_lorry(lane: usize, number: u64) -> bool {
+    lane == 0 && number.is_multiple_of(3)
 }
 
-impl Section {
-    fn new() -> Result<Self, Box<dyn Error>> {
-        let scene = Simulator::new(SimulatorParams::motorway(DT), Road::motorway(LANES, 3.75)?)?;
-        Ok(Self { scene, wishes: BTreeMap::new(), entered: 0 })
-    }
+/// Its desired speed, in m/s. Spread without a random number: the golden ratio visits an interval evenly.
+fn wish(lane: usize, number: u64) -> f64 {
+    let share = (number as f64 * 0.618_033_988_75).fract();
+    if is_lorry(lane, number) { 22.5 + 1.5 * share } else { 27.0 + 3.0 * lane as f64 + 5.0 * share }
+}
 
-    /// Every 2.4 s a vehicle enters each lane, if there is room; every third in the right lane is a lorry.
-    fn enter(&mut self, step: u32) -> Result<(), Box<dyn Error>> {
-        for lane in 0..LANES {
-            let Some(y) = self.scene.road().lane_centre(lane) else { continue };
-            if step % 60 != 20 * lane as u32 {
-                continue;
-            }
-            let truck = lane == 0 && (step / 60).is_multiple_of(3);
-            // Spread the wishes without a random number: the golden ratio visits an interval evenly.
-            let share = (f64::from(step) * 0.618_033_988_75 / 20.0).fract();
-            let wish = if truck { 22.5 + 1.5 * share } else { 27.0 + 3.0 * lane as f64 + 5.0 * share };
-            let last =
-                self.scene.vehicles().filter(|(_, other)| self.scene.road().lane_at(other.state.position.y) == lane);
-            let last = last.map(|(_, other)| *other).min_by(|a, b| a.state.position.x.total_cmp(&b.state.position.x));
-            let (room, ahead) = last.map_or((LENGTH, wish), |other| {
-                (other.state.position.x - other.extent.length / 2.0, other.state.velocity.x)
-            });
-            let speed = wish.min(ahead);
-            if room < 15.0 + speed {
-                continue;
-            }
-            let (state, drive) = (State::new(0.0, y, speed, 0.0), Drive::Cruise { speed: wish, y });
-            let id = self.scene.add(if truck { Vehicle::truck(state, drive) } else { Vehicle::car(state, drive) })?;
-            self.wishes.insert(id, wish);
-            self.entered += 1;
-        }
-        Ok(())
+fn driver(lane: usize, number: u64, speed: f64, y: f64) -> Vehicle<f64> {
+    let (state, drive) = (State::new(0.0, y, speed, 0.0), Drive::Cruise { speed, y });
+    if is_lorry(lane, number) {
+        Vehicle::truck(state, drive)
+    } else {
+        Vehicle { lane_change: Some(Mobil::standard()), ..Vehicle::car(state, drive) }
     }
+}
 
-    /// Each driver's lane and speed for the next moment.
-    fn decide(&mut self) -> Result<(), Box<dyn Error>> {
-        let ids: Vec<VehicleId> = self.scene.vehicles().map(|(id, _)| id).collect();
-        for id in ids {
-            let (Some(me), Some(wish)) = (self.scene.vehicle(id).copied(), self.wishes.get(&id).copied()) else {
-                continue;
-            };
-            let x = me.state.position.x;
-            // Works between 1200 m and 1500 m for two minutes: 17 m/s.
-            let slow = (1200.0..1500.0).contains(&x) && (90.0..210.0).contains(&self.scene.time());
-            let speed = if slow { wish.min(17.0) } else { wish };
-            let lane = self.lane(id, &me, wish)?;
-            let y = self.scene.road().lane_centre(lane).unwrap_or(me.state.position.y);
-            self.scene.set_drive(id, Drive::Cruise { speed, y })?;
-        }
-        Ok(())
-    }
-
-    /// The lane to be in: left past somebody slower, right again when that is free, else where the vehicle is.
-    fn lane(&self, id: VehicleId, me: &Vehicle<f64>, wish: f64) -> Result<usize, Box<dyn Error>> {
-        let road = self.scene.road();
-        let lane = road.lane_at(me.state.position.y);
-        let Drive::Cruise { y, .. } = me.drive else { return Ok(lane) };
-        let aim = road.lane_at(y);
-        if (me.state.position.y - y).abs() > 0.6 {
-            return Ok(aim); // under way
-        }
-        let Surroundings { ahead, left_ahead, left_behind, right_ahead, right_behind, .. } =
-            self.scene.surroundings(id)?;
-        let v = me.state.velocity.x;
-        let held_up = self.gap(me, ahead).is_some_and(|(gap, speed)| gap < 2.0 * v && speed < wish - 2.0);
-        let free = |front, back| {
-            let front =
-                self.gap(me, front).is_none_or(|(gap, speed)| gap > 10.0 + 0.6 * v + 3.0 * (v - speed).max(0.0));
-            let back =
-                self.gap(me, back).is_none_or(|(gap, speed)| gap > 10.0 + 0.6 * speed + 4.0 * (speed - v).max(0.0));
-            front && back
-        };
-        if held_up && lane + 1 < LANES && me.extent.length < 10.0 && free(left_ahead, left_behind) {
-            return Ok(lane + 1);
-        }
-        let clear =
-            self.gap(me, right_ahead).is_none_or(|(gap, speed)| gap > 6.0 * v || (gap > 2.5 * v && speed > wish));
-        if lane > 0 && clear && free(right_ahead, right_behind) {
-            return Ok(lane - 1);
-        }
-        Ok(aim)
-    }
-
-    /// Gap to another vehicle in m and its speed.
-    fn gap(&self, me: &Vehicle<f64>, other: Option<VehicleId>) -> Option<(f64, f64)> {
-        let other = self.scene.vehicle(other?)?;
-        Some((me.separation_from(other).ahead, other.state.velocity.x))
-    }
+/// Works between 1200 m and 1500 m for two minutes: nobody wants to drive faster than 17 m/s.
+fn slow_down_at_works(scene: &mut Simulator<f64>, wishes: &BTreeMap<VehicleId, f64>) -> Result<(), Box<dyn Error>> {
+    scene.steer(|scene, id, vehicle| {
+        let (Drive::Cruise { speed, y }, Some(wish)) = (&vehicle.drive, wishes.get(&id)) else { return None };
+        let slow = (1200.0..1500.0).contains(&vehicle.state.position.x) && (90.0..210.0).contains(&scene.time());
+        let now = if slow { wish.min(17.0) } else { *wish };
+        (now != *speed).then_some(Drive::Cruise { speed: now, y: *y })
+    })?;
+    Ok(())
 }
 
 fn write_head(out: &mut dyn Write, xml: bool) -> std::io::Result<()> {
@@ -163,7 +116,6 @@ fn write_head(out: &mut dyn Write, xml: bool) -> std::io::Result<()> {
         writeln!(out, "time_s,vehicle,kind,lane,x_m,y_m,vx_mps,vy_mps,goal_x,goal_y,neighbours_x,neighbours_y,lines_y")
     }
 }
-
 /// All vehicles now. SUMO counts lanes from the right, as we do, gives the middle of the front bumper, and measures
 /// angles clockwise from north, where x points east.
 fn write_frame(out: &mut dyn Write, xml: bool, scene: &Simulator<f64>) -> Result<(), Box<dyn Error>> {

@@ -58,7 +58,7 @@ pub struct Separation<T: RealField> {
 /// Separation of two boxes along the road whose centres are `r` apart (neighbour to vehicle), in m.
 ///
 /// ```
-/// use gnp_force::{Extent, nalgebra::Vector2, separation};
+/// use gnp_force::{Extent, na::Vector2, separation};
 /// // A car 20 m behind a car in the same lane: 15.4 m from bumper to bumper.
 /// let gap = separation(Vector2::new(-20.0, 0.3), Extent::car(), Extent::car());
 /// assert_eq!((gap.distance, gap.normal), (15.4, Vector2::new(-1.0, 0.0)));

@@ -21,6 +21,16 @@ pub enum ForceError {
         /// The number asked for.
         id: VehicleId,
     },
+    /// A vehicle was to be put where another one is.
+    Occupied {
+        /// The vehicle that is there.
+        id: VehicleId,
+    },
+    /// A vehicle was to be put beside the road.
+    OffRoad {
+        /// Its lateral position, in m.
+        y: f64,
+    },
     /// A vehicle of a platoon follows one that is not there, or itself.
     Leader {
         /// Number of the vehicle.
@@ -43,6 +53,12 @@ impl fmt::Display for ForceError {
             Self::Value { key, value, must } => write!(f, "`{key}` is {value}, but must be {must}"),
             Self::UnknownVehicle { id } => {
                 write!(f, "no vehicle {id} in the scene: take numbers from `Simulator::add` or `Simulator::vehicles`")
+            }
+            Self::Occupied { id } => {
+                write!(f, "vehicle {id} is there: add it elsewhere, or by `Simulator::place` if it was recorded so")
+            }
+            Self::OffRoad { y } => {
+                write!(f, "y = {y} m is beside the road: add it between the outermost lines, or by `Simulator::place`")
             }
             Self::Leader { vehicle, leader, vehicles } => {
                 write!(

@@ -48,7 +48,7 @@ pub struct Line<T> {
 /// Everything that acts on one vehicle at one time. It keeps nothing: the caller owns the state.
 ///
 /// ```
-/// use gnp_force::{Attraction, ForceField, Line, MarkingKind, Neighbour, Side, State, nalgebra::Point2};
+/// use gnp_force::{Attraction, ForceField, Line, MarkingKind, Neighbour, Side, State, na::Point2};
 /// let field = ForceField {
 ///     goal: Some(Attraction { goal: Point2::new(150.0, 0.0), time_left: 5.0, tau: 1.0 }),
 ///     neighbours: &[Neighbour { position: Point2::new(40.0, 0.0), k: 5.0, r_col: 26.0 }],

@@ -52,7 +52,7 @@ pub fn goal_dissipation<T: RealField + Copy>(v: Vector2<T>, tau: T) -> T {
 /// `p` and `goal` in m, `v` in m/s, `time_left` until the goal is due and relaxation time `tau` in s.
 ///
 /// ```
-/// use gnp_force::{goal_force, nalgebra::{Point2, Vector2}};
+/// use gnp_force::{goal_force, na::{Point2, Vector2}};
 /// // 100 m in 5 s ask for 20 m/s; at 18 m/s, 2 m/s are to be gained within tau = 0.5 s.
 /// let force = goal_force(Point2::new(0.0, 0.0), Vector2::new(18.0, 0.0), Point2::new(100.0, 0.0), 5.0, 0.5);
 /// assert_eq!(force, Vector2::new(4.0, 0.0));

@@ -76,7 +76,7 @@ impl Integrator {
     /// One step of `dt` s of one vehicle; `acceleration` takes a state and the time since the start of the step.
     ///
     /// ```
-    /// use gnp_force::{Integrator, State, nalgebra::Vector2};
+    /// use gnp_force::{Integrator, State, na::Vector2};
     /// let fall = Integrator::RungeKutta4.step(&State::new(0.0, 0.0, 3.0, 0.0), 2.0, |_, _| Vector2::new(-1.0, 0.0));
     /// assert_eq!(fall, State::new(4.0, 0.0, 1.0, 0.0));
     /// ```

@@ -15,7 +15,7 @@
 //! One vehicle among given neighbours, step by step:
 //!
 //! ```
-//! use gnp_force::{Attraction, ForceField, Neighbour, State, nalgebra::Point2, semi_implicit_euler};
+//! use gnp_force::{Attraction, ForceField, Neighbour, State, na::Point2, semi_implicit_euler};
 //!
 //! let (dt, steps) = (0.04, 125);
 //! let mut state = State::new(0.0, 0.0, 30.0, 0.0);
@@ -52,6 +52,7 @@ mod integrator;
 mod line;
 mod platoon;
 mod road;
+mod rule;
 mod scalar;
 mod simulator;
 mod state;
@@ -74,16 +75,18 @@ pub use crate::{
         line_potential,
     },
     platoon::{Follower, Platoon},
-    road::Road,
+    road::{Closure, Road},
+    rule::{Ego, Idm, Limits, MotorwayRule, Newell, Other, PATH_MARGIN, PairRule, Place, Published, Reach, Rule},
     simulator::{
-        Arrival, CruiseParams, Drive, ForceBreakdown, MotorwayRule, NeighbourSearch, Repulsion, Simulator,
-        SimulatorParams, Surroundings, Vehicle, VehicleId,
+        AfterGoal, Detector, Drive, Event, ForceBreakdown, Gap, Headways, Inflow, Mobil, Noise, Obstacle, Passage,
+        Profile, Simulator, SimulatorParams, Steering, Surroundings, Vehicle, VehicleId,
     },
     state::State,
     term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp, term, terms},
     vehicle::{SOFTENING, VehicleForceVjp, VehicleRepulsion, vehicle_force, vehicle_force_vjp, vehicle_potential},
 };
-pub use nalgebra;
+/// The linear algebra of this crate, under a name that does not stand in the way of one's own `nalgebra`.
+pub use nalgebra as na;
 
 /// The README's program is compiled and run with the documentation tests.
 #[cfg(doctest)]

@@ -109,7 +109,7 @@ pub struct TermVjp<T: RealField> {
 /// for. The gradient is that of the value.
 ///
 /// ```
-/// use gnp_force::nalgebra::{RealField, Vector2};
+/// use gnp_force::na::{RealField, Vector2};
 /// use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, TermVjp};
 ///
 /// /// A drag against the motion, `-c v`.

@@ -40,7 +40,7 @@ pub fn vehicle_potential<T: RealField + Copy>(r: Vector2<T>, k: T, r_col: T) -> 
 /// - `r_col > 0`: distance over which the push falls to 1/e, in m; 26 in the published code
 ///
 /// ```
-/// use gnp_force::{nalgebra::Vector2, vehicle_force};
+/// use gnp_force::{na::Vector2, vehicle_force};
 /// // Ten metres behind the neighbour: pushed back.
 /// let force = vehicle_force(Vector2::new(-10.0_f64, 0.0), 3.0, 26.0);
 /// assert!((force.x + 3.0 * (-10.0_f64 / 26.0).exp()).abs() < 1e-8);

@@ -1,8 +1,8 @@
 //! The intelligent driver model: known answers, gradients, and finiteness at every limit.
-use gnp_force::nalgebra::Vector2;
+use gnp_force::na::Vector2;
 use gnp_force::{
     CarFollowing, Driver, ForceTerm, FreeRoad, HARDEST_BRAKING, LEAST_GAP, Source, State, free_acceleration,
-    free_acceleration_vjp, interaction, interaction_vjp, nalgebra::Point2, standstill_potential,
+    free_acceleration_vjp, interaction, interaction_vjp, na::Point2, standstill_potential,
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

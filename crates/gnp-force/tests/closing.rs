@@ -1,6 +1,8 @@
 //! Vehicles that close in on each other do not touch in the documented range.
 #![allow(clippy::unwrap_used, reason = "a test that cannot build its scene has failed")]
-use gnp_force::{Drive, Extent, Road, Simulator, SimulatorParams, State, Vehicle, VehicleId};
+use gnp_force::{
+    Drive, Extent, MotorwayRule, Published, Road, Rule, Simulator, SimulatorParams, State, Vehicle, VehicleId,
+};
 
 const Y: f64 = 1.875;
 
@@ -33,7 +35,8 @@ fn closing_vehicles_do_not_touch_in_the_documented_range() {
     // The range in the documentation of `MotorwayRule`: braking with grip - acceleration must do.
     for dt in [0.04, 0.1, 0.2] {
         let params = SimulatorParams::motorway(dt);
-        let most = params.grip - params.cruise.acceleration;
+        let rule = MotorwayRule::<f64>::standard();
+        let most = cruise(0.0, Y, 0.0, 0.0).limits.braking - rule.acceleration;
         for (v, ahead) in (0..=10).flat_map(|v| (0..=v).map(move |ahead| (f64::from(v) * 5.0, f64::from(ahead) * 5.0)))
         {
             let w = v - ahead;
@@ -44,7 +47,7 @@ fn closing_vehicles_do_not_touch_in_the_documented_range() {
                         if long { Vehicle { extent: Extent::truck(), ..vehicle } } else { vehicle }
                     };
                     let follower = long(cruise(0.0, Y, v, wish), long_follower);
-                    let least = smallest_gap(params, long(leader, long_leader), follower, gap);
+                    let least = smallest_gap(params, long(leader.clone(), long_leader), follower, gap);
                     assert!(least > 1.0, "{v} m/s behind {ahead} m/s, {gap} m apart, dt {dt}: {least} m");
                 }
             }
@@ -54,12 +57,13 @@ fn closing_vehicles_do_not_touch_in_the_documented_range() {
 
 #[test]
 fn closing_cars_under_the_published_law_do_not_touch_in_the_documented_range() {
-    let params = SimulatorParams::published(0.04);
+    let params = SimulatorParams::motorway(0.04);
+    let published = |vehicle: Vehicle<f64>| vehicle.with_rule(Rule::Published(Published::standard()));
     for ahead in [0.0, 10.0, 30.0] {
         for w in [2.0, 5.0, 8.0, 10.0] {
             for gap in [20.0, 40.0, 100.0] {
-                let least =
-                    smallest_gap(params, cruise(0.0, Y, ahead, ahead), cruise(0.0, Y, ahead + w, ahead + w), gap);
+                let [leader, follower] = [ahead, ahead + w].map(|v| published(cruise(0.0, Y, v, v)));
+                let least = smallest_gap(params, leader, follower, gap);
                 assert!(least > 0.5, "closing at {w} m/s on {ahead} m/s from {gap} m: {least} m");
             }
         }

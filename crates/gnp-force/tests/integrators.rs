@@ -1,7 +1,7 @@
 //! The order of each integrator, and what the attraction promises about arriving.
 use gnp_force::{
     Attraction, ForceField, Integrator, Neighbour, State, Workspace, goal_force,
-    nalgebra::{Point2, Vector2},
+    na::{Point2, Vector2},
     semi_implicit_euler,
 };
 

@@ -2,7 +2,7 @@
 use gnp_force::{
     Extent, MarkingKind, Side, box_force, box_potential, goal_dissipation, goal_force, goal_potential, line_force,
     line_potential,
-    nalgebra::{Point2, Vector2},
+    na::{Point2, Vector2},
     vehicle_force, vehicle_potential,
 };
 use rand::{Rng, SeedableRng};
@@ -144,7 +144,7 @@ fn a_centre_line_pushes_to_both_sides_and_not_beyond_its_cut_off() {
 
 #[test]
 fn singular_places_are_finite_in_both_precisions() {
-    fn all<T: gnp_force::nalgebra::RealField + Copy>() {
+    fn all<T: gnp_force::na::RealField + Copy>() {
         let zero = Vector2::<T>::zeros();
         let (one, none) = (T::one(), T::zero());
         assert_eq!(vehicle_force(zero, one, one), zero);

@@ -1,7 +1,7 @@
 //! Vehicles that follow each other: what a column of traffic does, and what is refused.
 use gnp_force::{
     CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, HARDEST_BRAKING, Platoon, Source, State,
-    following_acceleration, free_acceleration, nalgebra::Point2, nalgebra::RealField, nalgebra::convert,
+    following_acceleration, free_acceleration, na::Point2, na::RealField, na::convert,
 };
 
 const LENGTH: f64 = 4.6;

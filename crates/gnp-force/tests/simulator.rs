@@ -1,6 +1,9 @@
 //! Where vehicles go: to their goals and lanes, in symmetric scenes symmetrically, in either precision.
 #![allow(clippy::unwrap_used, reason = "a test that cannot build its scene has failed")]
-use gnp_force::{Drive, Extent, Integrator, Road, Simulator, SimulatorParams, State, Vehicle, nalgebra::Point2};
+use gnp_force::{
+    AfterGoal, Drive, Event, Extent, Integrator, Published, Road, Rule, Simulator, SimulatorParams, State, Vehicle,
+    na::Point2,
+};
 
 const Y: f64 = 1.875;
 
@@ -12,18 +15,23 @@ fn cruise(x: f64, y: f64, v: f64, speed: f64) -> Vehicle<f64> {
     Vehicle::car(State::new(x, y, v, 0.0), Drive::Cruise { speed, y })
 }
 
+fn published(vehicle: Vehicle<f64>) -> Vehicle<f64> {
+    vehicle.with_rule(Rule::Published(Published::standard()))
+}
+
 #[test]
 fn a_lone_vehicle_reaches_its_goal_on_time() {
     let mut scene = Simulator::new(SimulatorParams::motorway(0.04), Road::open()).unwrap();
     let goal = Point2::new(140.0, 3.5);
-    let id = scene.add(Vehicle::car(State::new(0.0, 0.0, 31.0, 0.2), Drive::Goal { goal, due: 5.0 })).unwrap();
+    let id = scene
+        .add(Vehicle::car(State::new(0.0, 0.0, 31.0, 0.2), Drive::Goal { goal, due: 5.0, then: AfterGoal::Leave }))
+        .unwrap();
     for _ in 0..124 {
         assert!(scene.step().is_empty(), "not before its time");
     }
-    let arrivals = scene.step();
-    assert_eq!(arrivals.len(), 1);
-    assert_eq!(arrivals[0].id, id);
-    assert!((arrivals[0].vehicle.state.position - goal).norm() < 1e-9, "{:?}", arrivals[0]);
+    let [Event::Arrived { id: arrived, vehicle }] = scene.step() else { panic!("one arrival") };
+    assert_eq!(*arrived, id);
+    assert!((vehicle.state.position - goal).norm() < 1e-9, "{vehicle:?}");
     assert!(scene.vehicle(id).is_none(), "it has left the scene");
 }
 
@@ -44,10 +52,10 @@ fn a_lone_vehicle_reaches_its_speed_and_lane_without_overshoot() {
 #[test]
 fn head_on_scenes_stay_symmetric() {
     // Two pairs that change places: every vehicle has a partner at the point reflection of its state.
-    let mut scene = Simulator::new(SimulatorParams::published(0.04), Road::open()).unwrap();
+    let mut scene = Simulator::new(SimulatorParams::motorway(0.04), Road::open()).unwrap();
     let mut add = |x: f64, y: f64, v: f64| {
-        let drive = Drive::Goal { goal: Point2::new(-x, -y), due: 6.0 };
-        scene.add(Vehicle::car(State::new(x, y, v, 0.0), drive)).unwrap()
+        let drive = Drive::Goal { goal: Point2::new(-x, -y), due: 6.0, then: AfterGoal::Leave };
+        scene.add(published(Vehicle::car(State::new(x, y, v, 0.0), drive))).unwrap()
     };
     let pairs = [[add(-60.0, 0.5, 20.0), add(60.0, -0.5, -20.0)], [add(-90.0, 3.0, 28.0), add(90.0, -3.0, -28.0)]];
     let mut nearest = f64::INFINITY;
@@ -65,10 +73,10 @@ fn head_on_scenes_stay_symmetric() {
 
 #[test]
 fn two_vehicles_exactly_head_on_stay_on_their_line() {
-    let mut scene = Simulator::new(SimulatorParams::published(0.04), Road::open()).unwrap();
-    let drive = |x| Drive::Goal { goal: Point2::new(x, 0.0), due: 9.0 };
-    let a = scene.add(Vehicle::car(State::new(-80.0, 0.0, 15.0, 0.0), drive(80.0))).unwrap();
-    let b = scene.add(Vehicle::car(State::new(80.0, 0.0, -15.0, 0.0), drive(-80.0))).unwrap();
+    let mut scene = Simulator::new(SimulatorParams::motorway(0.04), Road::open()).unwrap();
+    let drive = |x| Drive::Goal { goal: Point2::new(x, 0.0), due: 9.0, then: AfterGoal::Leave };
+    let a = scene.add(published(Vehicle::car(State::new(-80.0, 0.0, 15.0, 0.0), drive(80.0)))).unwrap();
+    let b = scene.add(published(Vehicle::car(State::new(80.0, 0.0, -15.0, 0.0), drive(-80.0)))).unwrap();
     for _ in 0..200 {
         scene.step();
         let (a, b) = (scene.vehicle(a).unwrap().state, scene.vehicle(b).unwrap().state);
@@ -124,7 +132,7 @@ fn a_finer_step_approaches_the_higher_order() {
 fn a_vehicle_that_left_the_road_is_brought_back() {
     let mut scene = scene(SimulatorParams::motorway(0.04), 2);
     let id =
-        scene.add(Vehicle { drive: Drive::Cruise { speed: 25.0, y: 5.6 }, ..cruise(0.0, 9.0, 25.0, 25.0) }).unwrap();
+        scene.place(Vehicle { drive: Drive::Cruise { speed: 25.0, y: 5.6 }, ..cruise(0.0, 9.0, 25.0, 25.0) }).unwrap();
     for _ in 0..400 {
         scene.step();
     }
@@ -133,8 +141,8 @@ fn a_vehicle_that_left_the_road_is_brought_back() {
 
 #[test]
 fn single_precision_drives_as_double_does() {
-    fn end<T: gnp_force::nalgebra::RealField + Copy>() -> f64 {
-        let lit = gnp_force::nalgebra::convert::<f64, T>;
+    fn end<T: gnp_force::na::RealField + Copy>() -> f64 {
+        let lit = gnp_force::na::convert::<f64, T>;
         let mut scene =
             Simulator::new(SimulatorParams::motorway(lit(0.04)), Road::motorway(1, lit(3.75)).unwrap()).unwrap();
         for (x, v) in [(0.0, 30.0), (70.0, 22.0)] {

@@ -1,5 +1,5 @@
 //! Every term of the table: its descriptor is usable in files, and its gradient is that of its value.
-use gnp_force::nalgebra::{Point2, Vector2};
+use gnp_force::na::{Point2, Vector2};
 use gnp_force::{Arity, MarkingKind, Side, Source, State, TermDescriptor, term, terms};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

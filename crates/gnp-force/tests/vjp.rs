@@ -2,7 +2,7 @@
 use gnp_force::{
     Attraction, Extent, ForceField, Line, MarkingKind, Neighbour, Side, State, box_force, box_force_vjp, goal_force,
     goal_force_vjp, line_force, line_force_vjp,
-    nalgebra::{Point2, Vector2},
+    na::{Point2, Vector2},
     vehicle_force, vehicle_force_vjp,
 };
 use rand::{Rng, SeedableRng};

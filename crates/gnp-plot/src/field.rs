@@ -1,7 +1,7 @@
 //! The potential that neighbours and lane lines make around a vehicle, as a heat map with iso-lines.
 
 use gnp_data::{MarkingKind, SLOTS, TermForces};
-use gnp_force::nalgebra::Vector2;
+use gnp_force::na::Vector2;
 use gnp_force::{LineRepulsion, Side, TermDescriptor, VehicleRepulsion, line_potential, term, vehicle_potential};
 
 use crate::axes::{nice, shown};

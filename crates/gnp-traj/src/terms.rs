@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use candle_core::{CpuStorage, CustomOp2, Device, Layout, Result, Shape, Tensor};
-use gnp_force::nalgebra::{Point2, Vector2};
+use gnp_force::na::{Point2, Vector2};
 use gnp_force::{Arity, ForceTerm, MarkingKind, Side, Source, State, TermDescriptor};
 use serde::{Deserialize, Serialize};
 

@@ -1,28 +1,51 @@
-//! What a vehicle wants.
+//! What a vehicle wants, or which motion it is given.
 use crate::{
-    boxes::{Extent, Separation, separation},
-    error::{ForceError, require, require_not_negative},
-    field::Attraction,
+    error::{ForceError, require},
+    goal::goal_force,
+    rule::{Ego, PairRule},
     scalar::lit,
-    simulator::{
-        params::{CruiseParams, SimulatorParams},
-        repulsion::Body,
-    },
+    simulator::{params::SimulatorParams, profile::Profile},
     state::State,
 };
 use nalgebra::{Point2, RealField, Vector2};
+use std::sync::Arc;
 
-/// What a vehicle wants.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What a vehicle does once it is where it wanted to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+pub enum AfterGoal {
+    /// It leaves the scene, which is an [`Event::Arrived`](crate::Event::Arrived).
+    #[default]
+    Leave,
+    /// It drives on at the speed it has, beside the goal: [`Drive::Cruise`].
+    Cruise,
+}
+
+/// What a vehicle wants, or which motion it is given.
+///
+/// Those with a wish, `Goal` and `Cruise`, feel forces, and never accelerate or brake beyond the
+/// [`Limits`](crate::Limits) of their vehicle. The others are moved: nothing pushes them, others feel them.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(
+        serialize = "T: RealField + Copy + serde::Serialize",
+        deserialize = "T: RealField + Copy + serde::Deserialize<'de>"
+    ))
+)]
 pub enum Drive<T: RealField> {
     /// To be at a point at a time of the simulator's clock. The relaxation time is shortened to the time left, so that
-    /// a vehicle that nobody disturbs arrives exactly; on arrival it leaves the scene.
+    /// a vehicle that nobody disturbs and whose limits suffice arrives exactly; one that is held up arrives late, that
+    /// is, at that time it is short of its goal.
     Goal {
         /// Where to be, in m.
         goal: Point2<T>,
         /// When, in s of [`Simulator::time`](crate::Simulator::time).
         due: T,
+        /// What then.
+        #[cfg_attr(feature = "serde", serde(default))]
+        then: AfterGoal,
     },
     /// To drive at a speed in a lane, on and on; never backwards.
     Cruise {
@@ -31,121 +54,99 @@ pub enum Drive<T: RealField> {
         /// Desired lateral position, in m: the middle of a lane.
         y: T,
     },
-    /// To keep its velocity whatever pushes: a recorded vehicle, or with velocity 0 an obstacle.
+    /// Given: a constant acceleration along the road in m/s², within the limits, such as -8 for an emergency braking. The
+    /// vehicle comes to rest and stays there, or keeps to the highest speed.
+    Accelerate(T),
+    /// Given: velocities over time.
+    Follow(Arc<Profile<T>>),
+    /// Given: the velocity stays as it is, 0 for an obstacle.
     Steady,
 }
 
-/// A vehicle of a [`Simulator`](crate::Simulator).
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
-pub struct Vehicle<T: RealField> {
-    /// Where it is and how it moves.
-    pub state: State<T>,
-    /// How large it is.
-    pub extent: Extent<T>,
-    /// What it wants.
-    pub drive: Drive<T>,
-    /// Relaxation time in s, at least one step; about 1 for a driver who responds at once.
-    pub tau: T,
-}
-
-impl<T: RealField + Copy> Vehicle<T> {
-    /// A car with tau = 1 s.
-    #[must_use]
-    pub fn car(state: State<T>, drive: Drive<T>) -> Self {
-        Self { state, extent: Extent::car(), drive, tau: T::one() }
-    }
-
-    /// An articulated lorry with tau = 1 s.
-    #[must_use]
-    pub fn truck(state: State<T>, drive: Drive<T>) -> Self {
-        Self { extent: Extent::truck(), ..Self::car(state, drive) }
-    }
-
-    /// Something of that size that stands at (`x`, `y`) m and stays there.
-    #[must_use]
-    pub fn obstacle(x: T, y: T, extent: Extent<T>) -> Self {
-        Self { extent, ..Self::car(State::new(x, y, T::zero(), T::zero()), Drive::Steady) }
-    }
-
-    /// How its box lies to another's: the gap, and along and across the road by themselves.
-    #[must_use]
-    pub fn separation_from(&self, other: &Self) -> Separation<T> {
-        separation(self.state.position - other.state.position, self.extent, other.extent)
-    }
-
-    /// What others feel of it.
-    pub(crate) fn body(&self) -> Body<T> {
-        Body { state: self.state, extent: self.extent }
-    }
-
-    /// Takes the state after a step. A cruising driver stops rather than be pushed backwards.
-    pub(crate) fn advance(&mut self, mut state: State<T>) {
-        if matches!(self.drive, Drive::Cruise { .. }) && state.velocity.x < T::zero() {
-            state.velocity.x = T::zero();
-            state.position.x = state.position.x.max(self.state.position.x);
-        }
-        self.state = state;
-    }
-
-    pub(crate) fn check(&self, params: &SimulatorParams<T>, time: T) -> Result<(), ForceError> {
-        let speed = self.state.velocity.norm();
-        require(self.state.is_finite(), "vehicle.state", speed, "finite in all four numbers")?;
-        require_not_negative("vehicle.extent.length", self.extent.length)?;
-        require_not_negative("vehicle.extent.width", self.extent.width)?;
-        require(self.tau >= params.dt && self.tau.is_finite(), "vehicle.tau", self.tau, "finite and at least dt")?;
-        self.drive.check(params, time)
-    }
-}
-
 impl<T: RealField + Copy> Drive<T> {
+    /// Whether the vehicle is drawn and pushed, rather than moved.
+    #[must_use]
+    pub fn has_a_wish(&self) -> bool {
+        matches!(self, Self::Goal { .. } | Self::Cruise { .. })
+    }
+
+    /// The lateral position that a cruising vehicle keeps to, in m.
+    #[inline]
+    pub(crate) fn lateral_aim(&self) -> Option<T> {
+        if let Self::Cruise { y, .. } = self { Some(*y) } else { None }
+    }
+
+    /// The greatest speed of a given motion, in m/s; 0 for any other.
+    pub(crate) fn fastest(&self) -> T {
+        if let Self::Follow(profile) = self { profile.fastest() } else { T::zero() }
+    }
+
     pub(crate) fn check(&self, params: &SimulatorParams<T>, time: T) -> Result<(), ForceError> {
-        match *self {
-            Self::Goal { goal, due } => {
+        match self {
+            Self::Goal { goal, due, .. } => {
                 let way = goal.coords.norm();
                 require(way.is_finite(), "drive.goal", way, "finite in both numbers")?;
                 let half = params.dt * lit(0.5);
-                require(
-                    due.is_finite() && due > time + half,
-                    "drive.due",
-                    due,
-                    "after the present time, by half a step",
-                )
+                let later = due.is_finite() && *due > time + half;
+                require(later, "drive.due", *due, "after the present time, by half a step")
             }
             Self::Cruise { speed, y } => {
-                let fits = speed >= T::zero() && speed <= params.max_speed;
-                require(fits, "drive.speed", speed, "from 0 to max_speed")?;
-                require(y.is_finite(), "drive.y", y, "finite")
+                let fits = *speed >= T::zero() && *speed <= params.max_speed;
+                require(fits, "drive.speed", *speed, "from 0 to max_speed")?;
+                require(y.is_finite(), "drive.y", *y, "finite")
             }
-            Self::Steady => Ok(()),
+            Self::Accelerate(along) => require(along.is_finite(), "drive.accelerate", *along, "finite"),
+            Self::Follow(_) | Self::Steady => Ok(()),
         }
     }
 
-    /// The goal to follow at `time` s for a vehicle in `state`; none for a steady one.
+    /// The speed wished for by a vehicle in `state`, in m/s.
     #[inline]
-    pub(crate) fn attraction(
+    pub(crate) fn wish(&self, state: &State<T>, time: T, params: &SimulatorParams<T>) -> T {
+        match self {
+            Self::Goal { goal, due, .. } => {
+                let time_left = (*due - time).max(params.dt);
+                ((goal.x - state.position.x) / time_left).max(T::zero()).min(params.max_speed)
+            }
+            Self::Cruise { speed, .. } => *speed,
+            Self::Accelerate(_) | Self::Follow(_) | Self::Steady => state.velocity.x.max(T::zero()),
+        }
+    }
+
+    /// What draws a vehicle with a wish, in m/s², within its limits; none for one that is moved.
+    #[inline]
+    pub(crate) fn pull<R: PairRule<T>>(
         &self,
-        state: &State<T>,
-        tau: T,
+        me: &Ego<T>,
+        rule: &R,
         time: T,
         params: &SimulatorParams<T>,
-    ) -> Option<Attraction<T>> {
-        match *self {
-            Self::Goal { goal, due } => {
-                let time_left = (due - time).max(params.dt);
-                let tau = tau.min(time_left);
-                let least = (goal - state.position).norm() / params.max_speed;
-                Some(Attraction { goal, time_left: time_left.max(least), tau })
+    ) -> Option<Vector2<T>> {
+        let State { position, velocity } = me.state;
+        match self {
+            Self::Goal { goal, due, .. } => {
+                let time_left = (*due - time).max(params.dt);
+                let tau = me.tau.min(time_left);
+                let least = (goal - position).norm() / params.max_speed;
+                let pull = goal_force(position, velocity, *goal, time_left.max(least), tau);
+                Some(me.limits.hold(pull, velocity))
             }
-            Self::Cruise { speed, y } => {
-                let CruiseParams { acceleration, preview, lateral_speed } = params.cruise;
-                let v = state.velocity.x;
-                let along = speed.clamp(v - params.grip * tau, v + acceleration * tau);
-                let across = ((y - state.position.y) / preview).clamp(-lateral_speed, lateral_speed);
-                let goal = state.position + Vector2::new(along, across) * preview;
-                Some(Attraction { goal, time_left: preview, tau })
+            Self::Cruise { y, .. } => {
+                let steering = &params.steering;
+                let across =
+                    ((*y - position.y) / steering.preview).max(-steering.lateral_speed).min(steering.lateral_speed);
+                Some(me.limits.hold(Vector2::new(rule.free(me), (across - velocity.y) / me.tau), velocity))
             }
-            Self::Steady => None,
+            Self::Accelerate(_) | Self::Follow(_) | Self::Steady => None,
+        }
+    }
+
+    /// The velocity that a moved vehicle has at `time` s, after a step in which it would have come to `velocity`.
+    #[inline]
+    pub(crate) fn given(&self, velocity: Vector2<T>, time: T) -> Vector2<T> {
+        match self {
+            Self::Follow(profile) => profile.velocity_at(time),
+            _ => velocity,
         }
     }
 }

@@ -1,94 +1,210 @@
 //! What acts on a vehicle of the scene.
-use super::{LaneOrder, NeighbourSearch, Simulator, VehicleId, repulsion::Body};
-use crate::{error::ForceError, field::Forces, goal::goal_force, state::State};
+use super::{Simulator, VehicleId};
+use crate::{
+    boxes::Extent,
+    error::ForceError,
+    field::Forces,
+    rule::{Ego, Other, PairRule, Place},
+    state::State,
+};
 use nalgebra::{RealField, Vector2};
+
+/// What pushes a vehicle, or what it ran into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+pub enum Obstacle {
+    /// Another vehicle.
+    Vehicle(VehicleId),
+    /// The place where a lane is closed, by its number in [`Road::closures`](crate::Road::closures).
+    Closure(usize),
+}
 
 /// Forces on one vehicle with the names of those who push.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceBreakdown<T: RealField> {
-    /// The forces, in m/s²; lines in the order of [`Road::lines`](crate::Road::lines).
+    /// The forces, in m/s²; lines in the order of [`Road::lines`](crate::Road::lines). Of the goal, and of the speed that
+    /// is wished for, what the limits of the vehicle leave.
     pub forces: Forces<T>,
-    /// The neighbours, in the order of `forces.neighbours`.
-    pub pushed_by: Vec<VehicleId>,
+    /// Who pushes, in the order of `forces.neighbours`.
+    pub pushed_by: Vec<Obstacle>,
+    /// What the driver's unsteadiness adds, in m/s².
+    pub noise: Vector2<T>,
+    /// What the limits of the vehicle take away from the sum, in m/s²; mostly 0.
+    pub limits: Vector2<T>,
 }
 
-impl<T: RealField + Copy> Simulator<T> {
+impl<T: RealField + Copy> ForceBreakdown<T> {
+    /// Sum of everything: the acceleration.
+    #[must_use]
+    pub fn total(&self) -> Vector2<T> {
+        self.forces.total() + self.noise + self.limits
+    }
+}
+
+/// Index of what a vehicle sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Sight {
+    Vehicle(usize),
+    Closure(usize),
+}
+
+impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// The forces on a vehicle now, apart by source and with names: what the next step starts from.
     ///
-    /// The neighbours' pushes are those that act, that is, shortened together where
-    /// [`grip`](crate::SimulatorParams::grip) limits them. A [`Drive::Steady`](crate::Drive::Steady) vehicle feels none.
+    /// The neighbours' pushes are those that act, that is, shortened together where they exceed what the vehicle can do.
+    /// A vehicle that is moved rather than pushed ([`Drive::has_a_wish`](crate::Drive::has_a_wish)) feels none.
     ///
     /// # Errors
     /// When there is none of that number.
     pub fn explain(&self, id: VehicleId) -> Result<ForceBreakdown<T>, ForceError> {
         let index = self.index(id)?;
-        let me = &self.vehicles[index];
-        let Some(goal) = self.pull(index, &me.state, self.time()) else {
-            let none = Forces { goal: Vector2::zeros(), neighbours: Vec::new(), lines: Vec::new() };
-            return Ok(ForceBreakdown { forces: none, pushed_by: Vec::new() });
+        let vehicle = &self.vehicles[index];
+        let me = vehicle.ego(&vehicle.state, self.time(), &self.params);
+        let zero = Vector2::zeros();
+        let Some(goal) = vehicle.drive.pull(&me, &vehicle.rule, self.time(), &self.params) else {
+            let forces = Forces { goal: zero, neighbours: Vec::new(), lines: Vec::new() };
+            return Ok(ForceBreakdown { forces, pushed_by: Vec::new(), noise: zero, limits: zero });
         };
-        let mut pushed_by = Vec::new();
-        let mut neighbours = Vec::new();
-        self.for_each_neighbour(&self.current_order(), index, |other| {
-            pushed_by.push(self.ids[other]);
-            neighbours.push(self.params.repulsion.push(me.body(), self.vehicles[other].body(), &self.params));
+        let (mut pushed_by, mut neighbours) = (Vec::new(), Vec::new());
+        self.for_each_seen(index, &self.states(), |sight, other| {
+            pushed_by.push(self.name(sight));
+            neighbours.push(vehicle.rule.push(&me, &other));
         });
-        let sum = neighbours.iter().fold(Vector2::zeros(), |sum, push| sum + push);
-        let share = self.share(sum);
+        let share = share(&me, neighbours.iter().fold(zero, |sum, push| sum + push));
         neighbours.iter_mut().for_each(|push| *push *= share);
-        let lines = self.road.lines().iter().map(|line| line.push(&me.state)).collect();
-        Ok(ForceBreakdown { forces: Forces { goal, neighbours, lines }, pushed_by })
+        let lines = self.road.lines().iter().map(|line| line.push(&vehicle.state)).collect();
+        let noise = Vector2::new(self.statuses[index].noise, T::zero());
+        let forces = Forces { goal, neighbours, lines };
+        let sum = forces.total() + noise;
+        Ok(ForceBreakdown { forces, pushed_by, noise, limits: me.limits.hold(sum, me.state.velocity) - sum })
     }
 
     /// A speed in m/s that no vehicle exceeds, under either Euler step, whatever the scene.
     ///
-    /// With `dt <= tau` the new velocity is an average of the old one and of `wish + tau push`. The wish is at most
-    /// `max_speed` (across the road, for a cruising vehicle, `lateral_speed`), the push at most that of all lines and
-    /// `grip` for the neighbours, so neither part of a velocity outgrows
-    /// `max(fastest start, wish + tau (grip + lines))`.
+    /// With `dt <= tau` the new velocity is at most `wish + tau (pull + push)`. The wish is at most `max_speed` (across the
+    /// road, for a cruising vehicle, `lateral_speed`), the pull at most what the vehicle can do, the push that of all lines,
+    /// of the noise, and `braking + acceleration` for the neighbours; neither part of a velocity outgrows that or the
+    /// fastest start.
     #[must_use]
     pub fn speed_bound(&self) -> T {
-        let pushed = self.slowest_tau * (self.params.grip + self.road.strongest_push());
+        let pushed = self.slowest_tau * (self.most_push + self.road.strongest_push());
         let along = self.fastest.max(self.params.max_speed + pushed);
-        let across = self.fastest.max(self.params.cruise.lateral_speed + pushed);
+        let across = self.fastest.max(self.params.steering.lateral_speed.max(self.params.max_speed) + pushed);
         (along * along + across * across).sqrt()
     }
 
     /// Acceleration of a vehicle among `states`, in m/s².
+    #[inline]
     pub(super) fn acceleration(&self, index: usize, states: &[State<T>], time: T) -> Vector2<T> {
-        let state = &states[index];
-        let Some(goal) = self.pull(index, state, time) else { return Vector2::zeros() };
-        let me = Body { state: *state, extent: self.vehicles[index].extent };
-        let mut sum = Vector2::zeros();
-        self.for_each_neighbour(&self.order, index, |other| {
-            let other = Body { state: states[other], extent: self.vehicles[other].extent };
-            sum += self.params.repulsion.push(me, other, &self.params);
-        });
-        let lines = self.road.lines().iter().fold(Vector2::zeros(), |sum, line| sum + line.push(state));
-        goal + sum * self.share(sum) + lines
-    }
-
-    /// Pull of the vehicle's goal, or none if it is steady.
-    fn pull(&self, index: usize, state: &State<T>, time: T) -> Option<Vector2<T>> {
         let vehicle = &self.vehicles[index];
-        let pull = vehicle.drive.attraction(state, vehicle.tau, time, &self.params)?;
-        Some(goal_force(state.position, state.velocity, pull.goal, pull.time_left, pull.tau))
+        let me = vehicle.ego(&states[index], time, &self.params);
+        let Some(goal) = vehicle.drive.pull(&me, &vehicle.rule, time, &self.params) else {
+            return self.given(index, &states[index]);
+        };
+        let mut sum = Vector2::zeros();
+        self.for_each_seen(index, states, |_, other| sum += vehicle.rule.push(&me, &other));
+        let lines = self.road.lines().iter().fold(Vector2::zeros(), |sum, line| sum + line.push(&me.state));
+        let noise = Vector2::new(self.statuses[index].noise, T::zero());
+        me.limits.hold(goal + sum * share(&me, sum) + lines + noise, me.state.velocity)
     }
 
-    /// The factor that shortens a sum of pushes to `grip`.
-    fn share(&self, sum: Vector2<T>) -> T {
-        let length = sum.norm();
-        if length > self.params.grip { self.params.grip / length } else { T::one() }
+    /// Acceleration of a vehicle that is moved, in m/s².
+    fn given(&self, index: usize, state: &State<T>) -> Vector2<T> {
+        let vehicle = &self.vehicles[index];
+        if let crate::Drive::Accelerate(along) = vehicle.drive {
+            let most = (self.params.max_speed - state.velocity.x).max(T::zero()) / self.params.dt;
+            return Vector2::new(vehicle.limits.along(along).min(most), T::zero());
+        }
+        Vector2::zeros()
     }
 
-    /// Calls `visit` for every vehicle that pushes, in an order that depends on their places alone.
-    fn for_each_neighbour(&self, order: &LaneOrder, index: usize, mut visit: impl FnMut(usize)) {
-        let x = self.vehicles[index].state.position.x;
-        let NeighbourSearch { per_lane, range } = self.params.search;
-        let near = |other: &usize| (self.vehicles[*other].state.position.x - x).abs() <= range;
-        for beside in [0, 1, -1] {
-            order.ahead(index, beside).take(per_lane).take_while(near).for_each(&mut visit);
-            order.behind(index, beside).take(per_lane).take_while(near).for_each(&mut visit);
+    /// What is called so outside.
+    pub(super) fn name(&self, sight: Sight) -> Obstacle {
+        match sight {
+            Sight::Vehicle(index) => Obstacle::Vehicle(self.ids[index]),
+            Sight::Closure(number) => Obstacle::Closure(number),
         }
     }
+
+    /// Calls `visit` for everything that a vehicle's rule asks about, in an order that depends on places alone.
+    #[inline]
+    pub(super) fn for_each_seen(&self, index: usize, states: &[State<T>], mut visit: impl FnMut(Sight, Other<T>)) {
+        let (me, reach) = (&states[index], self.vehicles[index].rule.reach());
+        let (own, aim) = (self.order.lane(index), self.order.aim(index));
+        let circumference = self.road.circumference();
+        for beside in [0_i8, 1, -1] {
+            let Some(lane) = own.checked_add_signed(isize::from(beside)) else { continue };
+            if lane >= self.road.lanes() {
+                continue;
+            }
+            let counts =
+                if beside == 0 { [reach.ahead, reach.behind] } else { [reach.beside_ahead, reach.beside_behind] };
+            let behind = self.order.behind_in(index, lane, &self.vehicles);
+            let mut see = |(other, lap): (usize, i8), ahead: bool, rank: usize| {
+                let mut state = states[other];
+                if let Some(circumference) = circumference {
+                    state.position.x += circumference * crate::scalar::lit(f64::from(lap));
+                }
+                if (state.position.x - me.position.x).abs() > self.params.range {
+                    return false;
+                }
+                let merging = beside != 0 && (self.order.aim(other) == own || aim == lane);
+                let place = Place { ahead, lane: beside, rank, merging };
+                visit(Sight::Vehicle(other), Other { state, extent: self.vehicles[other].extent, place });
+                true
+            };
+            let (is_own, ring) = (usize::from(beside == 0), circumference.is_some());
+            for (rank, seen) in self.order.ahead(lane, behind, is_own, ring).take(counts[0]).enumerate() {
+                if !see(seen, true, rank) {
+                    break;
+                }
+            }
+            for (rank, seen) in self.order.behind(lane, behind, is_own, ring).take(counts[1]).enumerate() {
+                if !see(seen, false, rank) {
+                    break;
+                }
+            }
+        }
+        for lane in [Some(own), (aim != own).then_some(aim)].into_iter().flatten() {
+            if let Some((number, other)) = self.closure_ahead(index, lane, me)
+                && !self.somebody_before(index, lane, me, other.state.position.x)
+            {
+                visit(Sight::Closure(number), other);
+            }
+        }
+    }
+
+    /// The next closure of a lane, as something that stands across it, if it is within sight.
+    pub(super) fn closure_ahead(&self, index: usize, lane: usize, me: &State<T>) -> Option<(usize, Other<T>)> {
+        if self.road.closures().is_empty() {
+            return None;
+        }
+        let half = self.vehicles[index].extent.length * crate::scalar::lit(0.5);
+        let closures = self.road.closures().iter().enumerate().filter(|(_, closure)| closure.lane == lane);
+        // A vehicle that has run into the closure with its front still sees it; its centre has not passed.
+        let ways = closures.map(|(number, closure)| (number, self.road.distance(me.position.x, closure.from)));
+        let (number, way) = ways
+            .filter(|(_, way)| *way > T::zero() && *way - half <= self.params.range)
+            .min_by(|a, b| a.1.partial_cmp(&b.1).unwrap_or(std::cmp::Ordering::Equal))?;
+        let state = State::new(me.position.x + way, me.position.y, T::zero(), T::zero());
+        Some((number, Other { state, extent: Extent { length: T::zero(), width: T::one() }, place: Place::LEADER }))
+    }
+
+    /// Whether a vehicle of that lane is ahead and nearer than `x`.
+    fn somebody_before(&self, index: usize, lane: usize, me: &State<T>, x: T) -> bool {
+        let behind = self.order.behind_in(index, lane, &self.vehicles);
+        let is_own = usize::from(lane == self.order.lane(index));
+        let ring = self.road.circumference().is_some();
+        self.order.ahead(lane, behind, is_own, ring).next().is_some_and(|(other, _)| {
+            let way = self.road.distance(me.position.x, self.vehicles[other].state.position.x);
+            me.position.x + way < x
+        })
+    }
+}
+
+/// The factor that shortens a sum of pushes to what the vehicle could brake and accelerate together.
+#[inline]
+pub(super) fn share<T: RealField + Copy>(me: &Ego<T>, sum: Vector2<T>) -> T {
+    let (length, most) = (sum.norm(), me.limits.braking + me.limits.acceleration);
+    if length > most { most / length } else { T::one() }
 }

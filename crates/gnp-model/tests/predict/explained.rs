@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gnp_data::{Cause, Forecast};
-use gnp_force::nalgebra::Vector2;
+use gnp_force::na::Vector2;
 use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, TermVjp};
 use gnp_model::Selection;
 

@@ -1,6 +1,6 @@
 //! The adjoint of one chunk's roll-out: from the gradient of its path to those of all weights.
 
-use gnp_force::nalgebra::Vector2;
+use gnp_force::na::Vector2;
 use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, TermVjp, VehicleRepulsion};
 use gnp_nn::kernels::{Aligned, LINE, Rows, RowsMut, Scratch};
 

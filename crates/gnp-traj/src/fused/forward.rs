@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gnp_force::nalgebra::Vector2;
+use gnp_force::na::Vector2;
 use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, State, TermDescriptor, VehicleRepulsion};
 use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut};
 

@@ -2,7 +2,7 @@
 //! reported state and parameters, to 1e-5 of 1 m/s² and of the force.
 
 use candle_core::{Device, Tensor};
-use gnp_force::nalgebra::{Point2, Vector2};
+use gnp_force::na::{Point2, Vector2};
 use gnp_force::{MarkingKind, Side, goal_force, line_force, vehicle_force};
 use gnp_traj::{Engine, NeighbourStates, Phase};
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use candle_core::{Device, Tensor, Var};
-use gnp_force::nalgebra::{RealField, Vector2};
+use gnp_force::na::{RealField, Vector2};
 use gnp_force::{Arity, ForceTerm, Source, State, TermDescriptor, TermParameter, TermVjp};
 use gnp_traj::{
     Engine, NeighbourStates, Neighbours, Phase, RollOutBatch, SocialForce, TermConfig, TrajConfig, TrajError,

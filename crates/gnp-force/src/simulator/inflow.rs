@@ -1,0 +1,182 @@
+//! Traffic that enters the road.
+use super::{
+    Simulator, Vehicle, VehicleId,
+    noise::{mix, uniform},
+};
+use crate::{
+    error::{ForceError, require, require_not_negative},
+    rule::{Other, PairRule, Place},
+    scalar::lit,
+};
+use nalgebra::RealField;
+
+/// Braking that an entering vehicle may ask of itself and of whoever comes from behind, in m/s².
+const ENTRY_BRAKING: f64 = 2.0;
+
+/// How the times between vehicles that want to enter are spread.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+pub enum Headways {
+    /// All alike.
+    Even,
+    /// Exponentially, as if every vehicle came by itself.
+    #[default]
+    Random,
+}
+
+/// Vehicles that want to enter at a place, at a rate; those that find no room wait.
+///
+/// ```
+/// use gnp_force::{Drive, Headways, Inflow, Road, Simulator, SimulatorParams, State, Vehicle};
+/// let road = Road::motorway(1, 3.75)?.ending_at(1000.0)?;
+/// let mut scene = Simulator::new(SimulatorParams::motorway(0.1_f64), road)?;
+/// let mut inflow = Inflow::new(1200.0, Headways::Random, 7)?;
+/// for _ in 0..6000 {
+///     let car = |_| Vehicle::car(State::new(0.0, 1.875, 30.0, 0.0), Drive::Cruise { speed: 30.0, y: 1.875 });
+///     scene.admit(&mut inflow, car)?;
+///     scene.step();
+/// }
+/// assert!((inflow.entered() + inflow.waiting()).abs_diff(200) < 40); // 1200 vehicles an hour for ten minutes
+/// # Ok::<(), gnp_force::ForceError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
+pub struct Inflow<T> {
+    flow: T,
+    headways: Headways,
+    seed: u64,
+    /// When the next one wants to enter, in s.
+    due: T,
+    drawn: u64,
+    entered: u64,
+}
+
+impl<T: RealField + Copy> Inflow<T> {
+    /// `flow` vehicles an hour, from time 0 on.
+    ///
+    /// # Errors
+    /// When the flow is negative or not finite.
+    pub fn new(flow: T, headways: Headways, seed: u64) -> Result<Self, ForceError> {
+        require_not_negative("inflow.flow", flow)?;
+        let mut inflow = Self { flow, headways, seed, due: T::zero(), drawn: 0, entered: 0 };
+        inflow.due = inflow.headway();
+        Ok(inflow)
+    }
+
+    /// Changes the rate, for the vehicle after the next, in vehicles an hour.
+    ///
+    /// # Errors
+    /// When the flow is negative or not finite.
+    pub fn set_flow(&mut self, flow: T) -> Result<(), ForceError> {
+        require_not_negative("inflow.flow", flow)?;
+        self.flow = flow;
+        Ok(())
+    }
+
+    /// How many have entered.
+    #[must_use]
+    pub fn entered(&self) -> u64 {
+        self.entered
+    }
+
+    /// How many wait for room.
+    #[must_use]
+    pub fn waiting(&self) -> u64 {
+        self.drawn.saturating_sub(1).saturating_sub(self.entered)
+    }
+
+    /// The next time between two vehicles, in s; without end where nobody comes.
+    fn headway(&mut self) -> T {
+        self.drawn += 1;
+        if self.flow == T::zero() {
+            return lit(f64::MAX.sqrt());
+        }
+        let mean = lit::<T>(3600.0) / self.flow;
+        match self.headways {
+            Headways::Even => mean,
+            Headways::Random => mean * lit(-uniform(mix(self.seed ^ mix(self.drawn))).ln()),
+        }
+    }
+
+    /// Counts those who want to enter up to `time` s.
+    fn come(&mut self, time: T) {
+        while self.due <= time {
+            let headway = self.headway();
+            self.due += headway;
+        }
+    }
+}
+
+impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
+    /// Lets the next vehicle of an inflow enter, if one is due and there is room; call it before every step. `make` gets
+    /// how many entered before, and says what enters and where.
+    ///
+    /// # Errors
+    /// As [`Simulator::enter`].
+    pub fn admit(
+        &mut self,
+        inflow: &mut Inflow<T>,
+        make: impl FnOnce(u64) -> Vehicle<T, R>,
+    ) -> Result<Option<VehicleId>, ForceError> {
+        inflow.come(self.time());
+        if inflow.waiting() == 0 {
+            return Ok(None);
+        }
+        let id = self.enter(make(inflow.entered))?;
+        inflow.entered += u64::from(id.is_some());
+        Ok(id)
+    }
+
+    /// Puts a vehicle on the road if there is room, and returns its number; none if there is not, and nothing changed.
+    ///
+    /// There is room if neither the vehicle nor who comes from behind would have to brake with more than 2 m/s². Behind a
+    /// slower vehicle it enters at that one's speed.
+    ///
+    /// # Errors
+    /// When a number of the vehicle is refused or its place is beside the road, as by [`Simulator::add`].
+    pub fn enter(&mut self, mut vehicle: Vehicle<T, R>) -> Result<Option<VehicleId>, ForceError> {
+        vehicle.check(&self.params, self.time())?;
+        let y = vehicle.state.position.y;
+        require(self.road.contains(y), "vehicle.y", y, "between the outermost lines")?;
+        if self.touching(&vehicle).is_some() {
+            return Ok(None);
+        }
+        let speed = vehicle.state.velocity.x;
+        let id = self.place(vehicle.clone())?;
+        let index = self.index(id)?;
+        let lane = self.order.lane(index);
+        let leader = self.next(index, lane, true);
+        let leading = leader.and_then(|next| next.who).map(|who| self.vehicles[who].state.velocity.x);
+        let slower = leading.map_or(speed, |leading| speed.min(leading.max(T::zero())));
+        let fits = [speed, slower].into_iter().find(|speed| self.fits(index, *speed));
+        self.remove(id)?;
+        self.next_id = id.0;
+        let Some(speed) = fits else { return Ok(None) };
+        vehicle.state.velocity.x = speed;
+        self.place(vehicle).map(Some)
+    }
+
+    /// Whether a vehicle at `speed` m/s would neither brake hard nor make the one behind do so.
+    fn fits(&self, index: usize, speed: T) -> bool {
+        let mut me = self.ego(index);
+        me.state.velocity.x = speed;
+        let lane = self.order.lane(index);
+        let least = -lit::<T>(ENTRY_BRAKING);
+        let seen = |from: &crate::rule::Ego<T>, way: T, who: Option<usize>, velocity: T| Other {
+            state: crate::State::new(from.state.position.x + way, from.state.position.y, velocity, T::zero()),
+            extent: who.map_or_else(crate::Extent::point, |who| self.vehicles[who].extent),
+            place: Place::LEADER,
+        };
+        let ahead = self.next(index, lane, true).is_none_or(|next| {
+            let velocity = next.who.map_or_else(T::zero, |who| self.vehicles[who].state.velocity.x);
+            let other = seen(&me, next.way, next.who, velocity);
+            self.vehicles[index].rule.behind(&me, Some(&other)) >= least
+        });
+        let behind = self.next(index, lane, false).is_none_or(|next| {
+            let Some(who) = next.who else { return true };
+            let ego = self.ego(who);
+            self.vehicles[who].rule.behind(&ego, Some(&seen(&ego, next.way, Some(index), speed))) >= least
+        });
+        ahead && behind
+    }
+}

@@ -1,0 +1,91 @@
+//! A simulator as it is written and read.
+use super::{Road, Simulator, SimulatorParams, Status, Vehicle, VehicleId, contacts::Contacts};
+use crate::{error::ForceError, error::require, rule::PairRule};
+use nalgebra::RealField;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::borrow::Cow;
+
+/// What there is to keep; the rest follows from it.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[serde(bound(
+    serialize = "T: RealField + Copy + Serialize, R: Clone + Serialize",
+    deserialize = "T: RealField + Copy + Deserialize<'de>, R: Clone + Deserialize<'de>"
+))]
+struct Saved<'a, T: RealField, R: Clone> {
+    params: SimulatorParams<T>,
+    road: Cow<'a, Road<T>>,
+    steps: u64,
+    next_id: u64,
+    bounds: [T; 3],
+    ids: Cow<'a, [VehicleId]>,
+    vehicles: Cow<'a, [Vehicle<T, R>]>,
+    statuses: Cow<'a, [Status<T>]>,
+    contacts: Contacts,
+}
+
+impl<T, R> Serialize for Simulator<T, R>
+where
+    T: RealField + Copy + Serialize,
+    R: PairRule<T> + Serialize,
+{
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let saved = Saved {
+            params: self.params,
+            road: Cow::Borrowed(&self.road),
+            steps: self.steps,
+            next_id: self.next_id,
+            bounds: [self.fastest, self.slowest_tau, self.most_push],
+            ids: Cow::Borrowed(&self.ids),
+            vehicles: Cow::Borrowed(&self.vehicles),
+            statuses: Cow::Borrowed(&self.statuses),
+            contacts: self.contacts.clone(),
+        };
+        saved.serialize(serializer)
+    }
+}
+
+impl<'de, T, R> Deserialize<'de> for Simulator<T, R>
+where
+    T: RealField + Copy + Deserialize<'de>,
+    R: PairRule<T> + Deserialize<'de>,
+{
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Saved::deserialize(deserializer)?.restore().map_err(serde::de::Error::custom)
+    }
+}
+
+impl<T: RealField + Copy, R: PairRule<T>> Saved<'_, T, R> {
+    fn restore(self) -> Result<Simulator<T, R>, ForceError> {
+        let mut scene = Simulator::for_rules(self.params, self.road.into_owned())?;
+        let count = self.ids.len();
+        let all = self.vehicles.len() == count && self.statuses.len() == count;
+        let number = |count: usize| nalgebra::convert::<f64, T>(count as f64);
+        require(all, "vehicles", number(self.vehicles.len()), "as many as numbers and statuses")?;
+        let counts_up = self.ids.windows(2).all(|pair| pair[0] < pair[1])
+            && self.ids.last().is_none_or(|last| last.0 < self.next_id);
+        require(counts_up, "ids", number(count), "growing and below `next_id`")?;
+        for bound in self.bounds {
+            crate::error::require_not_negative("bounds", bound)?;
+        }
+        scene.steps = self.steps;
+        for (vehicle, status) in self.vehicles.iter().zip(self.statuses.iter()) {
+            vehicle.check(&scene.params, scene.time())?;
+            require(status.noise.is_finite(), "status.noise", status.noise, "finite")?;
+            require(status.before.is_finite(), "status.before", status.before, "finite")?;
+            scene.note_extremes(vehicle);
+        }
+        [scene.fastest, scene.slowest_tau, scene.most_push] = [
+            scene.fastest.max(self.bounds[0]),
+            scene.slowest_tau.max(self.bounds[1]),
+            scene.most_push.max(self.bounds[2]),
+        ];
+        scene.next_id = self.next_id;
+        scene.ids = self.ids.into_owned();
+        scene.vehicles = self.vehicles.into_owned();
+        scene.statuses = self.statuses.into_owned();
+        scene.contacts = self.contacts;
+        scene.order.rebuild(&scene.vehicles, &scene.road);
+        Ok(scene)
+    }
+}

@@ -1,0 +1,150 @@
+//! One step, and what happened in it.
+use super::{AfterGoal, Drive, Obstacle, Simulator, Vehicle, VehicleId, noise::normal};
+use crate::{rule::PairRule, scalar::lit, state::State};
+use nalgebra::{RealField, Vector2};
+
+/// What happened in a step.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event<T: RealField, R> {
+    /// A vehicle's time was up and it left the scene; see [`Drive::Goal`].
+    Arrived {
+        /// Its number.
+        id: VehicleId,
+        /// How it arrived.
+        vehicle: Box<Vehicle<T, R>>,
+    },
+    /// A vehicle passed the end of the road and left the scene; see [`Road::ending_at`](crate::Road::ending_at).
+    Left {
+        /// Its number.
+        id: VehicleId,
+        /// How it left.
+        vehicle: Box<Vehicle<T, R>>,
+    },
+    /// The boxes of two vehicles began to overlap, or the front of one is beyond the place where its lane is closed.
+    Contact {
+        /// The vehicle; of two, that of the lower number.
+        id: VehicleId,
+        /// What it touches.
+        with: Obstacle,
+    },
+    /// The centre of a vehicle crossed a line.
+    LaneChange {
+        /// Its number.
+        id: VehicleId,
+        /// The lane that it was in.
+        from: usize,
+        /// The lane that it is in now.
+        to: usize,
+    },
+}
+
+/// Vehicles from which a step is shared among threads.
+#[cfg(feature = "parallel")]
+const WORTH_SHARING: usize = 1024;
+
+impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
+    /// Moves all vehicles by one step and returns what happened in it, in the order of kinds as in [`Event`] and then of
+    /// vehicles. Those that arrived or left are no longer in the scene.
+    pub fn step(&mut self) -> &[Event<T, R>] {
+        self.decide_lanes();
+        self.draw_noise();
+        let mut states = std::mem::take(&mut self.states);
+        let mut workspace = std::mem::take(&mut self.workspace);
+        states.clear();
+        states.extend(self.vehicles.iter().map(|vehicle| vehicle.state));
+        let time = self.time();
+        self.params.integrator.step_all(&mut states, self.params.dt, &mut workspace, |states, elapsed, out| {
+            self.accelerations(states, time + elapsed, out);
+        });
+        self.steps += 1;
+        self.events.clear();
+        let (time, dt) = (self.time(), self.params.dt);
+        for ((vehicle, status), state) in self.vehicles.iter_mut().zip(&mut self.statuses).zip(&states) {
+            status.before = vehicle.state.position.x;
+            vehicle.advance(*state, time, dt);
+            vehicle.state.position.x = self.road.wrapped(vehicle.state.position.x);
+        }
+        self.states = states;
+        self.workspace = workspace;
+        self.settle_goals();
+        self.take_leavers();
+        let lanes: Vec<usize> = (0..self.vehicles.len()).map(|index| self.order.lane(index)).collect();
+        self.order.after_step(&self.vehicles, &self.road);
+        self.find_contacts();
+        for (index, from) in lanes.into_iter().enumerate() {
+            let to = self.order.lane(index);
+            if from != to {
+                self.events.push(Event::LaneChange { id: self.ids[index], from, to });
+            }
+        }
+        &self.events
+    }
+
+    /// The acceleration of every vehicle among `states`.
+    fn accelerations(&self, states: &[State<T>], time: T, out: &mut [Vector2<T>]) {
+        #[cfg(feature = "parallel")]
+        if out.len() >= WORTH_SHARING && rayon::current_num_threads() > 1 {
+            use rayon::prelude::*;
+            let share = out.iter_mut().enumerate().collect::<Vec<_>>();
+            share.into_par_iter().with_min_len(WORTH_SHARING / 4).for_each(|(vehicle, acceleration)| {
+                *acceleration = self.acceleration(vehicle, states, time);
+            });
+            return;
+        }
+        for (vehicle, acceleration) in out.iter_mut().enumerate() {
+            *acceleration = self.acceleration(vehicle, states, time);
+        }
+    }
+
+    /// The unsteadiness of every driver for this step.
+    fn draw_noise(&mut self) {
+        for ((vehicle, status), id) in self.vehicles.iter().zip(&mut self.statuses).zip(&self.ids) {
+            if let Some(noise) = &vehicle.noise {
+                let draw = normal(self.params.seed, id.0, self.steps);
+                status.noise = noise.after(status.noise, self.params.dt, draw);
+            }
+        }
+    }
+
+    /// Those whose goal is due leave, or drive on.
+    fn settle_goals(&mut self) {
+        let latest = self.time() + self.params.dt * lit(0.5);
+        let mut leaves = false;
+        for vehicle in &mut self.vehicles {
+            let Drive::Goal { goal, due, then } = vehicle.drive else { continue };
+            if due > latest {
+                continue;
+            }
+            match then {
+                AfterGoal::Leave => leaves = true,
+                AfterGoal::Cruise => {
+                    let speed = vehicle.state.velocity.x.max(T::zero()).min(self.params.max_speed);
+                    vehicle.drive = Drive::Cruise { speed, y: goal.y };
+                }
+            }
+        }
+        if leaves {
+            let arrived = |vehicle: &Vehicle<T, R>| matches!(vehicle.drive, Drive::Goal { due, .. } if due <= latest);
+            self.let_go(arrived, |id, vehicle| Event::Arrived { id, vehicle });
+        }
+    }
+
+    /// Those whose centre is beyond the end of the road leave.
+    fn take_leavers(&mut self) {
+        let Some(end) = self.road.end() else { return };
+        let left = |vehicle: &Vehicle<T, R>| vehicle.state.position.x > end;
+        if self.vehicles.iter().any(left) {
+            self.let_go(left, |id, vehicle| Event::Left { id, vehicle });
+        }
+    }
+
+    fn let_go(
+        &mut self,
+        goes: impl Fn(&Vehicle<T, R>) -> bool,
+        event: impl Fn(VehicleId, Box<Vehicle<T, R>>) -> Event<T, R>,
+    ) {
+        let gone = self.ids.iter().zip(&self.vehicles).filter(|(_, vehicle)| goes(vehicle));
+        self.events.extend(gone.map(|(id, vehicle)| event(*id, Box::new(vehicle.clone()))));
+        self.retain(|_, vehicle| !goes(vehicle));
+    }
+}
