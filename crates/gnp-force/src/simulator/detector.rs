@@ -26,7 +26,7 @@ pub struct Passage<T> {
 /// let mut scene = Simulator::new(SimulatorParams::motorway(0.1_f64), Road::motorway(1, 3.75)?)?;
 /// for i in 0..10 {
 ///     let state = State::new(-60.0 * f64::from(i), 1.875, 30.0, 0.0);
-///     scene.add(Vehicle::car(state, Drive::Cruise { speed: 30.0, y: 1.875 }))?;
+///     scene.add(Vehicle::car(state, Drive::Steady))?;
 /// }
 /// let mut detector = Detector::new(100.0);
 /// for _ in 0..300 {
@@ -36,7 +36,8 @@ pub struct Passage<T> {
 /// assert_eq!(detector.passages().len(), 10);
 /// let flow = detector.flow(None, 3.0, 23.0).unwrap(); // a vehicle every 2 s
 /// assert!((flow - 1800.0).abs() < 1e-9);
-/// assert!((detector.speed(None, 0.0, 30.0).unwrap() - 30.0).abs() < 0.2);
+/// assert!((detector.speed(None, 0.0, 30.0).unwrap() - 30.0).abs() < 1e-9);
+/// assert!((detector.density(None, 3.0, 23.0).unwrap() - 1000.0 / 60.0).abs() < 1e-9);
 /// # Ok::<(), gnp_force::ForceError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
