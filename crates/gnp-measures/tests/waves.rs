@@ -115,6 +115,22 @@ fn where_there_is_no_wave_the_reason_is_said() {
 }
 
 #[test]
+fn what_happens_everywhere_at_once_is_no_wave() {
+    let speed = |t: f64| 12. + 5. * (TAU * t / 50.).sin();
+    let mut rows = Vec::new();
+    for vehicle in 0..20 {
+        let mut x = 25. * f64::from(vehicle);
+        for frame in 0..3000 {
+            let t = f64::from(frame) / RATE;
+            rows.push((vehicle as u32 + 1, frame, x, -1.875, speed(t), 1));
+            x += speed(t) / RATE;
+        }
+    }
+    let found = waves(&rows, Course::Ring { circumference: 500. });
+    assert_eq!(found[1].speed, Err(Missing::AtOnce));
+}
+
+#[test]
 fn unrelated_places_make_no_wave() {
     // At every place the speed changes at its own pace: frequencies that no lag brings together.
     let mut rows = Vec::new();
