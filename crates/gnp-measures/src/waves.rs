@@ -155,7 +155,7 @@ impl Traffic<'_> {
     /// The speed of small cells of one lane makes a series over time at each place. A wave that runs upstream is seen first
     /// downstream: every series is correlated with those of places downstream, up to 500 m, at every lag, and the upstream
     /// speed at which the mean correlation over the pairs has its highest peak is the wave's (the idea of correlating
-    /// detectors; compare Cassidy and Windover 1995 and Treiber and Kesting 2013, chapter 18). A lag that only suits one
+    /// detectors; compare Cassidy and Windover 1995). A lag that only suits one
     /// distance, such as a whole period of the waves or a round of a ring, does not suit the others.
     ///
     /// # Errors
@@ -343,13 +343,13 @@ impl Stack {
     fn speed(&self, settings: &WaveSettings) -> Result<WaveSpeed, Missing> {
         let means: Vec<f64> = self.sums.iter().map(|sum| sum / self.pairs.max(1) as f64).collect();
         let greatest = |range: std::ops::Range<usize>| range.max_by(|a, b| means[*a].total_cmp(&means[*b]));
+        // Where nothing changes there is no correlation either, hence first.
+        if let Some(deviation) = median(self.deviations.clone()).filter(|found| *found < settings.least_deviation) {
+            return Err(Missing::Steady { deviation, needed: settings.least_deviation });
+        }
         let (Some(best), true) = (greatest(0..means.len()), self.pairs > 0) else {
             return Err(Missing::TooShort { needed_s: settings.together_s });
         };
-        let deviation = median(self.deviations.clone()).unwrap_or_default();
-        if deviation < settings.least_deviation {
-            return Err(Missing::Steady { deviation, needed: settings.least_deviation });
-        }
         let first_above = |bound: f64| (0..means.len()).find(|i| slowness(*i) >= bound).unwrap_or(means.len());
         let (at_once, upstream) = (first_above(-1. / FASTEST), first_above(1. / settings.fastest));
         let peaks =
