@@ -58,6 +58,17 @@ pub enum Kind {
     LaneChange,
 }
 
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Entered => "entered",
+            Self::Left => "left",
+            Self::Contact => "contact",
+            Self::LaneChange => "lane_change",
+        })
+    }
+}
+
 /// How many vehicles, and what they did; from the start on, the warm-up included.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
