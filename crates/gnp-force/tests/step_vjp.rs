@@ -132,6 +132,26 @@ fn of_a_ring_over_its_seam_and_of_lanes_that_end() {
 }
 
 #[test]
+fn of_two_who_change_into_one_lane_from_both_sides() {
+    let road = Road::motorway(3, 3.75).unwrap();
+    let car = |x: f64, lane: f64, v: f64| {
+        let state = State::new(x, 1.875 + 3.75 * lane, v, 0.1);
+        Vehicle::car(state, Drive::Cruise { speed: 27.5, y: 5.5 })
+    };
+    for rule in every_rule() {
+        let vehicles = vec![car(0.0, 0.0, 24.0).with_rule(rule), car(30.0, 2.0, 20.0).with_rule(rule)];
+        for integrator in [Integrator::SemiImplicitEuler, Integrator::RungeKutta4] {
+            weighted(params(integrator), &road, &vehicles, 12);
+        }
+        let mut gradient = SceneGradient::zeros(&scene(params(Integrator::SemiImplicitEuler), &road, &vehicles));
+        gradient.of(VehicleId(0)).unwrap().state.velocity.x = 1.0;
+        scene(params(Integrator::SemiImplicitEuler), &road, &vehicles).step_vjp(&mut gradient);
+        let by_other = gradient.get(VehicleId(1)).unwrap().state.position.x;
+        assert!(by_other > 0.0 || matches!(rule, Rule::Published(_)), "he sees who comes from beyond: {rule:?}");
+    }
+}
+
+#[test]
 fn of_vehicles_that_stop_or_are_at_their_limits() {
     let stops = |x: f64, v: f64, drive| {
         let standing = Vehicle::obstacle(x, 1.875, gnp_force::Extent::car());
