@@ -121,6 +121,12 @@ fn of_a_ring_over_its_seam_and_of_lanes_that_end() {
             weighted(params(integrator), &works, &vehicles, case);
         }
     }
+    // The works push along the road only, wherever in its lane the vehicle is, and under every law.
+    for rule in every_rule() {
+        let cruise = Drive::Cruise { speed: 22.0, y: 1.875 };
+        let vehicle = Vehicle::car(State::new(110.0, 1.5, 12.0, 0.2), cruise).with_rule(rule);
+        weighted(params(Integrator::SemiImplicitEuler), &works, &vec![vehicle], 2);
+    }
     // Over the seam the last one follows the first.
     let car = |x: f64| {
         let state = State::new(x, 1.875, 20.0, 0.0);
