@@ -68,12 +68,12 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         self.workspace = workspace;
         self.settle_goals();
         self.take_leavers();
-        let lanes: Vec<usize> = (0..self.vehicles.len()).map(|index| self.order.lane(index)).collect();
         self.order.after_step(&self.vehicles, &self.road);
         self.find_contacts();
-        for (index, from) in lanes.into_iter().enumerate() {
-            let to = self.order.lane(index);
+        for (index, status) in self.statuses.iter_mut().enumerate() {
+            let (from, to) = (status.lane, self.order.lane(index));
             if from != to {
+                status.lane = to;
                 self.events.push(Event::LaneChange { id: self.ids[index], from, to });
             }
         }
