@@ -252,7 +252,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let index = self.index(id)?;
         self.fastest = self.fastest.max(drive.fastest());
         self.vehicles[index].drive = drive;
-        self.order.touched(index, &self.vehicles, &self.road);
+        self.order.aimed(index, &self.vehicles, &self.road);
         Ok(())
     }
 

@@ -49,7 +49,8 @@ pub(super) enum Sight {
 }
 
 impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
-    /// The forces on a vehicle now, apart by source and with names: what the next step starts from.
+    /// The forces on a vehicle now, apart by source and with names: what the next step starts from, unless its driver
+    /// decides to change lanes.
     ///
     /// The neighbours' pushes are those that act, that is, shortened together where they exceed what the vehicle can do.
     /// A vehicle that is moved rather than pushed ([`Drive::has_a_wish`](crate::Drive::has_a_wish)) feels none.
@@ -73,7 +74,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let share = share(&me, neighbours.iter().fold(zero, |sum, push| sum + push));
         neighbours.iter_mut().for_each(|push| *push *= share);
         let lines = self.road.lines().iter().map(|line| line.push(&vehicle.state)).collect();
-        let noise = Vector2::new(self.statuses[index].noise, T::zero());
+        let noise = Vector2::new(self.next_noise(index), T::zero());
         let forces = Forces { goal, neighbours, lines };
         let sum = forces.total() + noise;
         Ok(ForceBreakdown { forces, pushed_by, noise, limits: me.limits.hold(sum, me.state.velocity) - sum })
@@ -110,12 +111,13 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
 
     /// Acceleration of a vehicle that is moved, in m/s².
     fn given(&self, index: usize, state: &State<T>) -> Vector2<T> {
-        let vehicle = &self.vehicles[index];
-        if let crate::Drive::Accelerate(along) = vehicle.drive {
-            let most = (self.params.max_speed - state.velocity.x).max(T::zero()) / self.params.dt;
-            return Vector2::new(vehicle.limits.along(along).min(most), T::zero());
-        }
-        Vector2::zeros()
+        let limits = &self.vehicles[index].limits;
+        let crate::Drive::Accelerate(along) = self.vehicles[index].drive else { return Vector2::zeros() };
+        let (v, dt) = (state.velocity, self.params.dt);
+        let most = (self.params.max_speed - v.x).max(T::zero()) / dt;
+        // Who rolls backwards comes to rest first; a motion across the road ends.
+        let along = if v.x < T::zero() { (-v.x / dt).min(limits.braking) } else { limits.along(along).min(most) };
+        Vector2::new(along, (-v.y / dt).max(-limits.lateral).min(limits.lateral))
     }
 
     /// What is called so outside.
@@ -166,12 +168,36 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             }
         }
         for lane in [Some(own), (aim != own).then_some(aim)].into_iter().flatten() {
+            if reach.beside_ahead > 0
+                && let Some((who, other)) = self.further_comer(index, lane, reach.beside_ahead, states)
+            {
+                visit(Sight::Vehicle(who), other);
+            }
             if let Some((number, other)) = self.closure_ahead(index, lane, me)
                 && !self.somebody_before(index, lane, me, other.state.position.x)
             {
                 visit(Sight::Closure(number), other);
             }
         }
+    }
+
+    /// Who is next ahead of those that change into a lane, if not among the nearest `seen` of a lane beside.
+    fn further_comer(&self, index: usize, lane: usize, seen: usize, states: &[State<T>]) -> Option<(usize, Other<T>)> {
+        let (own, ring) = (self.order.lane(index), self.road.circumference());
+        let mut coming = self.order.coming(index, lane, true, ring.is_some(), &self.vehicles);
+        let (who, lap) = coming.find(|(who, _)| self.order.lane(*who) != own)?;
+        let rank = self.order.nearer((who, lap), index, &self.vehicles);
+        let aside = self.order.lane(who) as isize - own as isize;
+        if aside.abs() == 1 && rank < seen {
+            return None;
+        }
+        let mut state = states[who];
+        state.position.x += ring.map_or_else(T::zero, |ring| ring * crate::scalar::lit(f64::from(lap)));
+        if state.position.x - states[index].position.x > self.params.range {
+            return None;
+        }
+        let place = Place { ahead: true, lane: aside.clamp(-127, 127) as i8, rank, merging: true };
+        Some((who, Other { state, extent: self.vehicles[who].extent, place }))
     }
 
     /// The next closure of a lane, as something that stands across it, if it is within sight.
@@ -190,14 +216,14 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         Some((number, Other { state, extent: Extent { length: T::zero(), width: T::one() }, place: Place::LEADER }))
     }
 
-    /// Whether a vehicle of that lane is ahead and nearer than `x`.
+    /// Whether a vehicle that stays in that lane is ahead and nearer than `x`, so that following it is enough.
     fn somebody_before(&self, index: usize, lane: usize, me: &State<T>, x: T) -> bool {
         let behind = self.order.behind_in(index, lane, &self.vehicles);
         let is_own = usize::from(lane == self.order.lane(index));
         let ring = self.road.circumference().is_some();
         self.order.ahead(lane, behind, is_own, ring).next().is_some_and(|(other, _)| {
             let way = self.road.distance(me.position.x, self.vehicles[other].state.position.x);
-            me.position.x + way < x
+            self.order.aim(other) == lane && me.position.x + way < x
         })
     }
 }

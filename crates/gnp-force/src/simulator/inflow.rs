@@ -4,7 +4,7 @@ use super::{
     noise::{mix, uniform},
 };
 use crate::{
-    error::{ForceError, require, require_not_negative},
+    error::{ForceError, require_not_negative},
     rule::{Other, PairRule, Place},
     scalar::lit,
 };
@@ -45,8 +45,10 @@ pub struct Inflow<T> {
     flow: T,
     headways: Headways,
     seed: u64,
-    /// When the next one wants to enter, in s.
-    due: T,
+    /// Vehicles still to be counted, at the flow of each moment, until the next one wants to enter.
+    left: T,
+    /// Up to when they are counted, in s.
+    counted: T,
     drawn: u64,
     entered: u64,
 }
@@ -58,12 +60,12 @@ impl<T: RealField + Copy> Inflow<T> {
     /// When the flow is negative or not finite.
     pub fn new(flow: T, headways: Headways, seed: u64) -> Result<Self, ForceError> {
         require_not_negative("inflow.flow", flow)?;
-        let mut inflow = Self { flow, headways, seed, due: T::zero(), drawn: 0, entered: 0 };
-        inflow.due = inflow.headway();
+        let mut inflow = Self { flow, headways, seed, left: T::zero(), counted: T::zero(), drawn: 0, entered: 0 };
+        inflow.left = inflow.headway();
         Ok(inflow)
     }
 
-    /// Changes the rate, for the vehicle after the next, in vehicles an hour.
+    /// Changes the rate from now on, in vehicles an hour; 0 for none.
     ///
     /// # Errors
     /// When the flow is negative or not finite.
@@ -85,24 +87,22 @@ impl<T: RealField + Copy> Inflow<T> {
         self.drawn.saturating_sub(1).saturating_sub(self.entered)
     }
 
-    /// The next time between two vehicles, in s; without end where nobody comes.
+    /// The next time between two vehicles, as a share of the mean.
     fn headway(&mut self) -> T {
         self.drawn += 1;
-        if self.flow == T::zero() {
-            return lit(f64::MAX.sqrt());
-        }
-        let mean = lit::<T>(3600.0) / self.flow;
         match self.headways {
-            Headways::Even => mean,
-            Headways::Random => mean * lit(-uniform(mix(self.seed ^ mix(self.drawn))).ln()),
+            Headways::Even => T::one(),
+            Headways::Random => lit(-uniform(mix(self.seed ^ mix(self.drawn))).ln()),
         }
     }
 
     /// Counts those who want to enter up to `time` s.
     fn come(&mut self, time: T) {
-        while self.due <= time {
+        self.left -= (time - self.counted).max(T::zero()) * self.flow / lit(3600.0);
+        self.counted = self.counted.max(time);
+        while self.left <= T::zero() {
             let headway = self.headway();
-            self.due += headway;
+            self.left += headway;
         }
     }
 }
@@ -137,7 +137,9 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     pub fn enter(&mut self, mut vehicle: Vehicle<T, R>) -> Result<Option<VehicleId>, ForceError> {
         vehicle.check(&self.params, self.time())?;
         let y = vehicle.state.position.y;
-        require(self.road.contains(y), "vehicle.y", y, "between the outermost lines")?;
+        if !self.road.contains(y) {
+            return Err(ForceError::OffRoad { y: y.to_subset_unchecked() });
+        }
         if self.touching(&vehicle).is_some() {
             return Ok(None);
         }

@@ -76,7 +76,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             if let Drive::Cruise { y, .. } = &mut self.vehicles[index].drive {
                 *y = centre;
                 self.statuses[index].changed = Some(self.steps);
-                self.order.touched(index, &self.vehicles, &self.road);
+                self.order.aimed(index, &self.vehicles, &self.road);
             }
         }
     }
@@ -106,8 +106,12 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             let before = rule.behind(&ego, Some(&self.seen_ahead(&ego, Next { who: Some(index), way })));
             Some(rule.behind(&ego, after.map(|ahead| self.seen_ahead(&ego, ahead)).as_ref()) - before)
         });
+        let closed = |lane: &usize| {
+            let mut closures = self.road.closures().iter();
+            closures.any(|closure| closure.lane == *lane && self.is_beside(vehicle, closure, lit(LEAST_ROOM_M)))
+        };
         let mut best = (T::zero(), None);
-        for target in beside.into_iter().flatten() {
+        for target in beside.into_iter().flatten().filter(|lane| !closed(lane)) {
             let Some(gain) = self.gain(index, &me, target, urgency, &mobil) else { continue };
             let right = if target < lane { mobil.keep_right } else { -mobil.keep_right };
             let others = released.unwrap_or_else(T::zero) * mobil.politeness;
@@ -164,6 +168,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let me = &self.vehicles[index].state;
         let (ring, is_own) = (self.road.circumference().is_some(), usize::from(lane == self.order.lane(index)));
         let behind = self.order.behind_in(index, lane, &self.vehicles);
+        let coming = self.order.coming(index, lane, ahead, ring, &self.vehicles).next();
         let in_lane = if ahead {
             self.order.ahead(lane, behind, is_own, ring).next()
         } else {
@@ -174,10 +179,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             let (from, to) = if ahead { (me.position.x, x) } else { (x, me.position.x) };
             self.road.distance(from, to)
         };
-        let coming = self.order.changing().iter().copied();
-        let coming = coming.filter(|&who| who != index && self.order.aim(who) == lane && self.order.lane(who) != lane);
-        let vehicles = in_lane.map(|(who, _)| who).into_iter().chain(coming);
-        let vehicles = vehicles.map(|who| Next { who: Some(who), way: way(who) });
+        let vehicles = in_lane.into_iter().chain(coming).map(|(who, _)| Next { who: Some(who), way: way(who) });
         let closure = ahead.then(|| self.closure_ahead(index, lane, me)).flatten();
         let closure = closure.map(|(_, other)| Next { who: None, way: other.state.position.x - me.position.x });
         vehicles
