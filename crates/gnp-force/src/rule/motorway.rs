@@ -57,7 +57,7 @@ impl<T: RealField + Copy> MotorwayRule<T> {
             stiffness: lit(3.0),
             path_margin: lit(0.5),
             beside: lit(3.0),
-            beside_range: lit(0.5),
+            beside_range: lit(0.3),
         }
     }
 

@@ -24,7 +24,7 @@ const OFF_CENTRE_M: f64 = 0.5;
 /// A lane is better by `a'(me) - a(me) + politeness (a'(new) - a(new) + a'(old) - a(old)) - threshold`, where `a` and `a'` are
 /// the accelerations along the road before and after the change, of the driver, his new and his old follower; to the
 /// right `keep_right` is added, to the left it is taken away. It is taken if nobody would have to brake with more than
-/// `safe_braking`, and there is room.
+/// `safe_braking`, and there is room. Whoever finds somebody beside him before he has crossed the line turns back.
 ///
 /// A lane that ends must be left: over its last 300 m the incentive grows by up to 2 m/s², and so does the braking that is
 /// thought safe, up to nine tenths of what the follower can do.
@@ -89,6 +89,9 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let lane = self.order.lane(index);
         let under_way = self.order.aim(index) != lane || (y - vehicle.state.position.y).abs() > lit(OFF_CENTRE_M);
         let since = |changed: u64| self.params.dt * lit((self.steps - changed) as f64);
+        if self.order.aim(index).abs_diff(lane) == 1 && !self.has_room(index, self.order.aim(index)) {
+            return Some(lane);
+        }
         if under_way || self.statuses[index].changed.is_some_and(|changed| since(changed) < mobil.pause) {
             return None;
         }
@@ -129,11 +132,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let rule = &self.vehicles[index].rule;
         let (leader, follower) = (self.next(index, target, true), self.next(index, target, false));
         let safe = |limit: T| mobil.safe_braking.max(urgency * lit::<T>(0.9) * limit).min(limit);
-        let roomy = |next: &Next<T>| {
-            let lengths = me.extent.length + next.who.map_or_else(T::zero, |who| self.vehicles[who].extent.length);
-            next.way - lengths * lit(0.5) >= lit(LEAST_ROOM_M)
-        };
-        if !leader.iter().chain(&follower).all(roomy) {
+        if !self.has_room(index, target) {
             return None;
         }
         let mine = rule.behind(me, leader.map(|next| self.seen_ahead(me, next)).as_ref());
@@ -149,6 +148,15 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let ahead = leader.map(|next| Next { way: next.way + way, ..next });
         let before = his.behind(&ego, ahead.map(|next| self.seen_ahead(&ego, next)).as_ref());
         Some(mine + mobil.politeness * (after - before))
+    }
+
+    /// Whether nobody in a lane, or changing into it, is beside the vehicle.
+    fn has_room(&self, index: usize, lane: usize) -> bool {
+        let length = self.vehicles[index].extent.length;
+        [true, false].into_iter().filter_map(|ahead| self.next(index, lane, ahead)).all(|next| {
+            let lengths = length + next.who.map_or_else(T::zero, |who| self.vehicles[who].extent.length);
+            next.way - lengths * lit(0.5) >= lit(LEAST_ROOM_M)
+        })
     }
 
     /// From 0 far from the end of a lane to 1 at it.
