@@ -33,7 +33,7 @@ fn an_inflow_keeps_its_rate_from_the_moment_it_is_set() {
         let mut entered = [0; 4];
         // Nobody for 10 minutes, then 900 vehicles an hour, then nobody, then 600.
         for (part, flow) in [0.0, 900.0, 0.0, 600.0].into_iter().enumerate() {
-            inflow.set_flow(flow).unwrap();
+            inflow.set_flow(flow, scene.time()).unwrap();
             for _ in 0..6000 {
                 let admitted = scene.admit(&mut inflow, |n| driver(MotorwayRule::standard().into(), 0, n)).unwrap();
                 entered[part] += u64::from(admitted.is_some());

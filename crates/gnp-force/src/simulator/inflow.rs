@@ -65,12 +65,14 @@ impl<T: RealField + Copy> Inflow<T> {
         Ok(inflow)
     }
 
-    /// Changes the rate from now on, in vehicles an hour; 0 for none.
+    /// Changes the rate to `flow` vehicles an hour from time `from` in s on, which is now or later; 0 for none. Who would
+    /// have come next comes so much sooner or later as the rates differ.
     ///
     /// # Errors
     /// When the flow is negative or not finite.
-    pub fn set_flow(&mut self, flow: T) -> Result<(), ForceError> {
+    pub fn set_flow(&mut self, flow: T, from: T) -> Result<(), ForceError> {
         require_not_negative("inflow.flow", flow)?;
+        self.come(from);
         self.flow = flow;
         Ok(())
     }

@@ -1,0 +1,52 @@
+//! What can be wrong with a simulation.
+use gnp_data::DataError;
+use gnp_force::ForceError;
+
+/// Why traffic was not simulated.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulationError {
+    /// The text of a scene is no TOML, or lacks a key, or has one that is not known.
+    #[error(transparent)]
+    Syntax(#[from] toml::de::Error),
+    /// A scene says something that cannot be.
+    #[error("`{key}` is {value}, but must be {must}")]
+    Scene {
+        /// The key, as in the file.
+        key: String,
+        /// What it says.
+        value: String,
+        /// What it must be.
+        must: String,
+    },
+    /// The physics refuses a number, a place or a road.
+    #[error(transparent)]
+    Force(#[from] ForceError),
+    /// What happened is no recording, or a recording cannot be used.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// More vehicles or steps than a recording can number.
+    #[error("{what} is {value}, but at most {most} can be recorded: shorten the simulation or record fewer frames")]
+    TooLarge {
+        /// What is too large.
+        what: &'static str,
+        /// How large.
+        value: u64,
+        /// The most.
+        most: u64,
+    },
+    /// A file could not be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The work was stopped from outside.
+    #[error("stopped after {seconds:.0} s of simulated time")]
+    Stopped {
+        /// How far it came, s.
+        seconds: f64,
+    },
+}

@@ -1,0 +1,17 @@
+//! Closed-loop motorway traffic on the physics of [`gnp_force`].
+//!
+//! A scene says where the road is, who enters and who drives; the simulator drives; and what happened is a
+//! [`gnp_data::Recording`], so that simulated and real traffic are measured, drawn and played by the same code.
+mod error;
+mod output;
+mod recorder;
+mod run;
+mod scene;
+
+pub use crate::{
+    error::SimulationError,
+    output::{write_fcd, write_parquet},
+    recorder::Recorder,
+    run::{Counts, Happening, Kind, Simulated},
+    scene::{ClosureSpec, DriverSpec, InflowSpec, RoadSpec, Scene, SpeedLimit, Spread, StartSpec},
+};
