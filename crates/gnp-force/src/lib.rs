@@ -76,12 +76,15 @@ pub use crate::{
     },
     platoon::{Follower, Platoon},
     road::{Closure, Road},
-    rule::{Ego, Idm, Limits, MotorwayRule, Newell, Other, PATH_MARGIN, PairRule, Place, Published, Reach, Rule},
+    rule::{
+        DifferentiableRule, Ego, EgoGradient, Idm, Limits, MotorwayRule, Newell, Other, PATH_MARGIN, PairRule, Place,
+        Published, PushGradient, Reach, Rule,
+    },
     simulator::{
         AfterGoal, Detector, Drive, Event, ForceBreakdown, Gap, Headways, Inflow, Mobil, Noise, Obstacle, Passage,
         Profile, Simulator, SimulatorParams, Steering, Surroundings, Vehicle, VehicleId,
     },
-    state::State,
+    state::{State, StateGradient},
     term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp, term, terms},
     vehicle::{SOFTENING, VehicleForceVjp, VehicleRepulsion, vehicle_force, vehicle_force_vjp, vehicle_potential},
 };
