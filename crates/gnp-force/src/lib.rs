@@ -69,7 +69,9 @@ pub use crate::{
     error::ForceError,
     field::{Attraction, FieldVjp, ForceField, Forces, Line, Neighbour},
     goal::{GoalAttraction, GoalForceVjp, MIN_TIME, goal_dissipation, goal_force, goal_force_vjp, goal_potential},
-    integrator::{Integrator, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler},
+    integrator::{
+        Accelerations, Integrator, RecordedStep, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler,
+    },
     line::{
         BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineRepulsion, MarkingKind, Side, line_force, line_force_vjp,
         line_potential,
@@ -81,8 +83,9 @@ pub use crate::{
         Published, PushGradient, Reach, Rule,
     },
     simulator::{
-        AfterGoal, Detector, Drive, Event, ForceBreakdown, Gap, Headways, Inflow, Mobil, Noise, Obstacle, Passage,
-        Profile, Simulator, SimulatorParams, Steering, Surroundings, Vehicle, VehicleId,
+        AfterGoal, Detector, Drive, Event, ForceBreakdown, Gap, Given, Headways, Inflow, Mobil, Noise, Obstacle,
+        Passage, Profile, RollOut, RollOutGradient, SceneGradient, Simulator, SimulatorParams, Steering, Surroundings,
+        Undisturbed, Vehicle, VehicleGradient, VehicleId,
     },
     state::{State, StateGradient},
     term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp, term, terms},

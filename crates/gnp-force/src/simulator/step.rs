@@ -97,7 +97,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     }
 
     /// The unsteadiness of every driver for this step.
-    fn draw_noise(&mut self) {
+    pub(super) fn draw_noise(&mut self) {
         for ((vehicle, status), id) in self.vehicles.iter().zip(&mut self.statuses).zip(&self.ids) {
             if let Some(noise) = &vehicle.noise {
                 let draw = normal(self.params.seed, id.0, self.steps);
