@@ -69,19 +69,25 @@ pub use crate::{
     error::ForceError,
     field::{Attraction, FieldVjp, ForceField, Forces, Line, Neighbour},
     goal::{GoalAttraction, GoalForceVjp, MIN_TIME, goal_dissipation, goal_force, goal_force_vjp, goal_potential},
-    integrator::{Integrator, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler},
+    integrator::{
+        Accelerations, Integrator, RecordedStep, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler,
+    },
     line::{
         BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineRepulsion, MarkingKind, Side, line_force, line_force_vjp,
         line_potential,
     },
     platoon::{Follower, Platoon},
     road::{Closure, Road},
-    rule::{Ego, Idm, Limits, MotorwayRule, Newell, Other, PATH_MARGIN, PairRule, Place, Published, Reach, Rule},
-    simulator::{
-        AfterGoal, Detector, Drive, Event, ForceBreakdown, Gap, Headways, Inflow, Mobil, Noise, Obstacle, Passage,
-        Profile, Simulator, SimulatorParams, Steering, Surroundings, Vehicle, VehicleId,
+    rule::{
+        DifferentiableRule, Ego, EgoGradient, Idm, Limits, MotorwayRule, Newell, Other, PATH_MARGIN, PairRule, Place,
+        Published, PushGradient, Reach, Rule,
     },
-    state::State,
+    simulator::{
+        AfterGoal, Detector, Drive, Event, ForceBreakdown, Gap, Given, Headways, Inflow, Mobil, Noise, Obstacle,
+        Passage, Profile, RollOut, RollOutGradient, SceneGradient, Simulator, SimulatorParams, Steering, Surroundings,
+        Undisturbed, Vehicle, VehicleGradient, VehicleId,
+    },
+    state::{State, StateGradient},
     term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp, term, terms},
     vehicle::{SOFTENING, VehicleForceVjp, VehicleRepulsion, vehicle_force, vehicle_force_vjp, vehicle_potential},
 };

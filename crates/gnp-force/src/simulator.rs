@@ -1,4 +1,5 @@
 //! Many vehicles rolled out together.
+mod adjoint;
 mod contacts;
 mod detector;
 mod drive;
@@ -15,8 +16,8 @@ mod saved;
 mod step;
 mod vehicle;
 
-use self::{contacts::Contacts, order::LaneOrder};
 pub use self::{
+    adjoint::{Given, RollOut, RollOutGradient, SceneGradient, Undisturbed, VehicleGradient},
     detector::{Detector, Passage},
     drive::{AfterGoal, Drive},
     forces::{ForceBreakdown, Obstacle},
@@ -29,6 +30,7 @@ pub use self::{
     step::Event,
     vehicle::Vehicle,
 };
+use self::{contacts::Contacts, order::LaneOrder};
 use crate::{
     error::{ForceError, require},
     integrator::Workspace,

@@ -103,7 +103,8 @@ fn whoever_entered_is_on_the_road_or_has_left() {
             let entered: u64 = inflows.iter().map(Inflow::entered).sum();
             assert_eq!(entered as usize, left.len() + scene.vehicles().len());
         }
-        assert!(left.len() > 400, "{}", left.len());
+        // Two lanes at capacity; before, the lorries starved behind cars that had just entered beside them.
+        assert!(left.len() > 500, "{}", left.len());
         assert!(inflows.iter().any(|inflow| inflow.waiting() > 0), "the demand is more than a lane takes");
     }
 }

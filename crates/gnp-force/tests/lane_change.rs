@@ -154,14 +154,14 @@ fn politeness_spares_those_behind() {
     let decides = |politeness: f64| {
         let mut scene = scene(2);
         let rule = rules()[1];
-        let lorry = Drive::Cruise { speed: 28.0, y: centre(0) };
-        scene.add(Vehicle::truck(State::new(90.0, centre(0), 28.0, 0.0), lorry)).unwrap();
+        let lorry = Drive::Cruise { speed: 27.0, y: centre(0) };
+        scene.add(Vehicle::truck(State::new(70.5, centre(0), 27.0, 0.0), lorry)).unwrap();
         let mobil = Mobil { politeness, ..Mobil::standard() };
         let me = Vehicle { lane_change: Some(mobil), ..car(rule, 0.0, 0, 28.0, 33.0) };
         let me = scene.add(me).unwrap();
-        let behind = Vehicle { lane_change: None, ..car(rule, -50.0, 1, 32.0, 36.0) };
+        let behind = Vehicle { lane_change: None, ..car(rule, -95.0, 1, 33.0, 36.0) };
         scene.add(behind).unwrap();
-        (0..15).for_each(|_| {
+        (0..8).for_each(|_| {
             scene.step();
         });
         matches!(scene.vehicle(me).unwrap().drive, Drive::Cruise { y, .. } if y == centre(1))

@@ -48,6 +48,15 @@ pub(super) enum Sight {
     Closure(usize),
 }
 
+/// What adds up to an acceleration, in m/s².
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sums<T: RealField> {
+    /// Of all neighbours, before it is shortened.
+    pub(super) pushes: Vector2<T>,
+    /// Of everything, before it is held within the limits.
+    pub(super) total: Vector2<T>,
+}
+
 impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// The forces on a vehicle now, apart by source and with names: what the next step starts from, unless its driver
     /// decides to change lanes.
@@ -97,16 +106,23 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// Acceleration of a vehicle among `states`, in m/s².
     #[inline]
     pub(super) fn acceleration(&self, index: usize, states: &[State<T>], time: T) -> Vector2<T> {
+        self.sums(index, states, time).1
+    }
+
+    /// What adds up to the acceleration of a vehicle among `states`, and the acceleration, in m/s².
+    #[inline]
+    pub(super) fn sums(&self, index: usize, states: &[State<T>], time: T) -> (Sums<T>, Vector2<T>) {
         let vehicle = &self.vehicles[index];
         let me = vehicle.ego(&states[index], time, &self.params);
+        let mut pushes = Vector2::zeros();
         let Some(goal) = vehicle.drive.pull(&me, &vehicle.rule, time, &self.params) else {
-            return self.given(index, &states[index]);
+            return (Sums { pushes, total: pushes }, self.given(index, &states[index]));
         };
-        let mut sum = Vector2::zeros();
-        self.for_each_seen(index, states, |_, other| sum += vehicle.rule.push(&me, &other));
+        self.for_each_seen(index, states, |_, other| pushes += vehicle.rule.push(&me, &other));
         let lines = self.road.lines().iter().fold(Vector2::zeros(), |sum, line| sum + line.push(&me.state));
         let noise = Vector2::new(self.statuses[index].noise, T::zero());
-        me.limits.hold(goal + sum * share(&me, sum) + lines + noise, me.state.velocity)
+        let total = goal + pushes * share(&me, pushes) + lines + noise;
+        (Sums { pushes, total }, me.limits.hold(total, me.state.velocity))
     }
 
     /// Acceleration of a vehicle that is moved, in m/s².

@@ -132,7 +132,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// Puts a vehicle on the road if there is room, and returns its number; none if there is not, and nothing changed.
     ///
     /// There is room if neither the vehicle nor who comes from behind would have to brake with more than 2 m/s². Behind a
-    /// slower vehicle it enters at that one's speed.
+    /// slower vehicle it enters at that one's speed. It does not change lanes for [`Mobil::pause`](crate::Mobil::pause).
     ///
     /// # Errors
     /// When a number of the vehicle is refused or its place is beside the road, as by [`Simulator::add`].
@@ -157,7 +157,11 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         self.next_id = id.0;
         let Some(speed) = fits else { return Ok(None) };
         vehicle.state.velocity.x = speed;
-        self.place(vehicle).map(Some)
+        let id = self.place(vehicle)?;
+        let index = self.index(id)?;
+        // Who enters stays in his lane for a pause: else a full lane empties into the one beside, where nobody can enter.
+        self.statuses[index].changed = Some(self.steps);
+        Ok(Some(id))
     }
 
     /// Whether a vehicle at `speed` m/s would neither brake hard nor make the one behind do so.

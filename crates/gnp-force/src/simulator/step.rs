@@ -101,7 +101,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     }
 
     /// The unsteadiness of every driver for this step.
-    fn draw_noise(&mut self) {
+    pub(super) fn draw_noise(&mut self) {
         for index in 0..self.vehicles.len() {
             self.statuses[index].noise = self.next_noise(index);
         }
