@@ -37,8 +37,8 @@
 //! Traffic that mostly follows the vehicle ahead: the intelligent driver model, as two terms ([`FreeRoad`],
 //! [`CarFollowing`]), as functions of a [`Driver`], and as the roll-out of a [`Platoon`].
 //!
-//! Many vehicles at once: [`Simulator`]. Whole programs: `examples/car_following.rs`, `cut_in.rs`,
-//! `lane_change_past_truck.rs`, `motorway_section.rs`,
+//! Many vehicles at once: [`Simulator`]. Gradients of what they do: [`Simulator::step_vjp`], [`RollOut`]. Whole programs:
+//! `examples/calibrate.rs`, `car_following.rs`, `cut_in.rs`, `lane_change_past_truck.rs`, `motorway_section.rs`,
 //! `platoon.rs`.
 //!
 //! The `serde` feature makes states, parameters, roads and vehicles readable and writable.

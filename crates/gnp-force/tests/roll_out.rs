@@ -6,7 +6,8 @@ use differences::{Vehicles, compare, numbers, scene};
 use gnp_force::{
     DifferentiableRule, Drive, Ego, EgoGradient, ForceError, Headways, Idm, Inflow, MotorwayRule, Newell, Other,
     PairRule, PushGradient, Reach, Road, RollOut, Rule, SceneGradient, Simulator, SimulatorParams, State, Vehicle,
-    VehicleGradient, VehicleId, na::Vector2,
+    VehicleGradient, VehicleId,
+    na::{RealField, Vector2, convert},
 };
 use std::sync::{
     Arc,
@@ -279,6 +280,32 @@ fn what_is_given_on_the_way_has_a_gradient_and_hides_what_was_before() {
     compare(&vehicles, &gradient.scene, value, (1e-4, 1e-6));
     assert_eq!(gradient.given.len(), 99 + 2);
     assert!(gradient.given.windows(2).all(|pair| pair[0].step >= pair[1].step), "the latest first");
+}
+
+/// How the place of a follower after ten seconds depends on his time gap and on how fast he was.
+fn of_a_follower<T: RealField + Copy>() -> [f64; 2] {
+    let lit = convert::<f64, T>;
+    let mut scene = Simulator::for_rules(SimulatorParams::motorway(lit(0.1)), Road::open()).unwrap();
+    for (x, v) in [(0.0, 20.0), (-30.0, 25.0)] {
+        let cruise = Drive::Cruise { speed: lit(v), y: T::zero() };
+        let car = Vehicle::car(State::new(lit(x), T::zero(), lit(v), T::zero()), cruise);
+        scene.add(car.with_rule(MotorwayRule::standard())).unwrap();
+    }
+    let roll_out = RollOut::record(&mut scene, STEPS);
+    let last = |step: usize| if step == STEPS { T::one() } else { T::zero() };
+    let gradient = roll_out
+        .vjp(|step, _, gradient| gradient.of(VehicleId(1)).map(|own| own.state.position.x += last(step)))
+        .unwrap();
+    let own = gradient.scene.get(VehicleId(1)).unwrap();
+    [own.rule[1], own.state.velocity.x].map(|value| value.to_subset().unwrap())
+}
+
+#[test]
+fn single_precision_gives_the_same_gradient_to_single_precision() {
+    let (double, single) = (of_a_follower::<f64>(), of_a_follower::<f32>());
+    for (double, single) in double.into_iter().zip(single) {
+        assert!((double - single).abs() < 1e-3 * double.abs() && double.abs() > 0.1, "{double} {single}");
+    }
 }
 
 #[test]

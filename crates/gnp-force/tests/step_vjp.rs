@@ -121,6 +121,12 @@ fn of_a_ring_over_its_seam_and_of_lanes_that_end() {
             weighted(params(integrator), &works, &vehicles, case);
         }
     }
+    // The works push along the road only, wherever in its lane the vehicle is, and under every law.
+    for rule in every_rule() {
+        let cruise = Drive::Cruise { speed: 22.0, y: 1.875 };
+        let vehicle = Vehicle::car(State::new(110.0, 1.5, 12.0, 0.2), cruise).with_rule(rule);
+        weighted(params(Integrator::SemiImplicitEuler), &works, &vec![vehicle], 2);
+    }
     // Over the seam the last one follows the first.
     let car = |x: f64| {
         let state = State::new(x, 1.875, 20.0, 0.0);
@@ -129,6 +135,26 @@ fn of_a_ring_over_its_seam_and_of_lanes_that_end() {
     let (gradient, _) = weighted(params(Integrator::RungeKutta4), &ring, &vec![car(3.0), car(237.9 - 24.0)], 1);
     let follows = gradient.get(VehicleId(1)).unwrap().rule[0];
     assert!(follows.abs() > 1e-3, "{follows}");
+}
+
+#[test]
+fn of_two_who_change_into_one_lane_from_both_sides() {
+    let road = Road::motorway(3, 3.75).unwrap();
+    let car = |x: f64, lane: f64, v: f64| {
+        let state = State::new(x, 1.875 + 3.75 * lane, v, 0.1);
+        Vehicle::car(state, Drive::Cruise { speed: 27.5, y: 5.5 })
+    };
+    for rule in every_rule() {
+        let vehicles = vec![car(0.0, 0.0, 24.0).with_rule(rule), car(30.0, 2.0, 20.0).with_rule(rule)];
+        for integrator in [Integrator::SemiImplicitEuler, Integrator::RungeKutta4] {
+            weighted(params(integrator), &road, &vehicles, 12);
+        }
+        let mut gradient = SceneGradient::zeros(&scene(params(Integrator::SemiImplicitEuler), &road, &vehicles));
+        gradient.of(VehicleId(0)).unwrap().state.velocity.x = 1.0;
+        scene(params(Integrator::SemiImplicitEuler), &road, &vehicles).step_vjp(&mut gradient);
+        let by_other = gradient.get(VehicleId(1)).unwrap().state.position.x;
+        assert!(by_other > 0.0 || matches!(rule, Rule::Published(_)), "he sees who comes from beyond: {rule:?}");
+    }
 }
 
 #[test]

@@ -197,7 +197,6 @@ where
     F: FnMut(usize, &mut Simulator<T, R>) -> Result<(), ForceError> + Clone,
 {
     /// The scenes before the steps up to `end`, and the one after the last.
-    #[expect(clippy::type_complexity, reason = "a list and what follows it")]
     fn again(&self, end: usize) -> Result<(Vec<Self>, Simulator<T, R>), ForceError> {
         let (mut scene, mut control) = (self.scene.bare(), self.control.clone());
         let mut before = Vec::with_capacity(end - self.step);
