@@ -111,7 +111,7 @@ fn drive(rule: fn(f64) -> Rule<f64>) -> Result<Found, Box<dyn Error>> {
         found.before.watch(&scene);
         found.after.watch(&scene);
         found.queue.iter_mut().for_each(|detector| detector.watch(&scene));
-        if WINDOW.contains(&time) && (time / DT).round() as u64 % 40 == 0 {
+        if WINDOW.contains(&time) && ((time / DT).round() as u64).is_multiple_of(40) {
             let some = scene.vehicles().filter(|(id, vehicle)| id.0 % 8 == 0 && vehicle.state.position.x > SHOWN);
             for (id, vehicle) in some {
                 found.tracks.entry(id).or_default().push((time / 60.0, vehicle.state.position.x));

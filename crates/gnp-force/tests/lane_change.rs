@@ -1,5 +1,5 @@
 //! MOBIL: who overtakes, who comes back, whom nobody may cut off.
-#![allow(clippy::unwrap_used, reason = "a test that cannot build its scene has failed")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot build its scene has failed")]
 use gnp_force::{
     Drive, Driver, Event, Idm, Mobil, MotorwayRule, Road, Rule, Simulator, SimulatorParams, State, Vehicle, VehicleId,
 };
@@ -167,4 +167,17 @@ fn politeness_spares_those_behind() {
         matches!(scene.vehicle(me).unwrap().drive, Drive::Cruise { y, .. } if y == centre(1))
     };
     assert!(decides(0.0) && !decides(1.0));
+}
+
+#[test]
+fn whoever_finds_somebody_beside_him_turns_back() {
+    for rule in rules() {
+        let mut scene = scene(2);
+        let steady = Vehicle { drive: Drive::Steady, ..car(rule, 2.0, 1, 25.0, 25.0) };
+        scene.add(steady).unwrap();
+        let me = scene.add(car(rule, 0.0, 0, 25.0, 25.0)).unwrap();
+        scene.set_drive(me, Drive::Cruise { speed: 25.0, y: centre(1) }).unwrap();
+        assert!(changes(&mut scene, 200).is_empty(), "nor is there a contact");
+        assert!((scene.vehicle(me).unwrap().state.position.y - centre(0)).abs() < 0.2, "{rule:?}");
+    }
 }

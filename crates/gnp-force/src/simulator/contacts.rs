@@ -34,7 +34,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
                 let vehicle = &self.vehicles[index];
                 let reach = (vehicle.extent.length + longest) * lit(0.5);
                 let mut touch = |other: usize, lap: i8| {
-                    let r = self.from_to(index, other, lap);
+                    let r = self.way_to(index, other, lap);
                     if r.x.abs() > reach {
                         return false;
                     }
@@ -86,7 +86,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     }
 
     /// From one vehicle to another `lap` times around the ring, in m.
-    fn from_to(&self, index: usize, other: usize, lap: i8) -> Vector2<T> {
+    fn way_to(&self, index: usize, other: usize, lap: i8) -> Vector2<T> {
         let mut r = self.vehicles[other].state.position - self.vehicles[index].state.position;
         if let Some(circumference) = self.road.circumference() {
             r.x += circumference * lit(f64::from(lap));
