@@ -37,11 +37,16 @@
 //! Traffic that mostly follows the vehicle ahead: the intelligent driver model, as two terms ([`FreeRoad`],
 //! [`CarFollowing`]), as functions of a [`Driver`], and as the roll-out of a [`Platoon`].
 //!
-//! Many vehicles at once: [`Simulator`]. Gradients of what they do: [`Simulator::step_vjp`], [`RollOut`]. Whole programs:
-//! `examples/calibrate.rs`, `car_following.rs`, `cut_in.rs`, `lane_change_past_truck.rs`, `motorway_section.rs`,
-//! `platoon.rs`.
+//! Many vehicles at once: [`Simulator`]. Drivers follow a [`PairRule`], of this crate ([`MotorwayRule`], [`Idm`], [`Newell`],
+//! [`Published`]) or one's own, within the [`Limits`] of their vehicles, change lanes by [`Mobil`], and may be unsteady
+//! ([`Noise`]). Roads may end, close to a ring and have closed lanes ([`Road`]); vehicles enter by an [`Inflow`] and pass a
+//! [`Detector`]; what happens are [`Event`]s. Gradients of all that: [`Simulator::step_vjp`], [`RollOut`].
 //!
-//! The `serde` feature makes states, parameters, roads and vehicles readable and writable.
+//! Whole programs: `examples/calibrate.rs`, `car_following.rs`, `cut_in.rs`, `hour.rs`, `lane_change_past_truck.rs`,
+//! `lane_drop.rs`, `motorway_section.rs`, `platoon.rs`, `ring.rs`.
+//!
+//! The `serde` feature makes states, parameters, roads, vehicles and whole simulators readable and writable, the `parallel`
+//! feature steps large scenes on several threads with the same bits.
 mod boxes;
 mod car_following;
 mod driver;

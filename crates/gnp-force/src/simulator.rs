@@ -123,8 +123,6 @@ struct Status<T> {
     noise: T,
     /// Step at which the driver last decided to change lanes.
     changed: Option<u64>,
-    /// Lane after the last step, or at first.
-    lane: usize,
     /// Where the vehicle was before the last step, in m; where it is for one that has not moved yet.
     before: T,
 }
@@ -200,8 +198,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let id = VehicleId(self.next_id);
         self.next_id += 1;
         self.ids.push(id);
-        let lane = self.road.lane_at(vehicle.state.position.y);
-        self.statuses.push(Status { noise: T::zero(), changed: None, lane, before: vehicle.state.position.x });
+        self.statuses.push(Status { noise: T::zero(), changed: None, before: vehicle.state.position.x });
         self.vehicles.push(vehicle);
         self.order.insert(&self.vehicles, &self.road);
         Ok(id)
@@ -257,7 +254,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let index = self.index(id)?;
         self.fastest = self.fastest.max(drive.fastest());
         self.vehicles[index].drive = drive;
-        self.order.touched(index, &self.vehicles, &self.road);
+        self.order.aimed(index, &self.vehicles, &self.road);
         Ok(())
     }
 
@@ -300,7 +297,6 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let index = self.index(id)?;
         state.position.x = self.road.wrapped(state.position.x);
         self.vehicles[index].state = state;
-        self.statuses[index].lane = self.road.lane_at(state.position.y);
         self.fastest = self.fastest.max(state.velocity.norm());
         self.order.touched(index, &self.vehicles, &self.road);
         Ok(())

@@ -105,7 +105,7 @@ impl<T: RealField + Copy, R: DifferentiableRule<T>> Simulator<T, R> {
     ) {
         let (vehicle, state) = (&self.vehicles[index], &states[index]);
         if !vehicle.drive.has_a_wish() {
-            gradient[index].velocity.x += self.given_vjp(index, state, cotangent.x, own);
+            gradient[index].velocity += self.given_vjp(index, state, cotangent, own);
             return;
         }
         let me = vehicle.ego(state, time, &self.params);
@@ -132,18 +132,33 @@ impl<T: RealField + Copy, R: DifferentiableRule<T>> Simulator<T, R> {
         gradient[index] += mine.state;
     }
 
-    /// Gradient of `cotangent` times the acceleration of a vehicle that is moved, with respect to its speed.
-    fn given_vjp(&self, index: usize, state: &State<T>, cotangent: T, own: &mut VehicleGradient<T>) -> T {
-        let vehicle = &self.vehicles[index];
-        let crate::Drive::Accelerate(along) = vehicle.drive else { return T::zero() };
-        let room = self.params.max_speed - state.velocity.x;
-        if vehicle.limits.along(along) < room.max(T::zero()) / self.params.dt {
-            if vehicle.limits.leave_along(along) {
-                own.wish.x += cotangent;
+    /// Gradient of `cotangent` · acceleration of a vehicle that is moved, with respect to its velocity.
+    fn given_vjp(
+        &self,
+        index: usize,
+        state: &State<T>,
+        cotangent: Vector2<T>,
+        own: &mut VehicleGradient<T>,
+    ) -> Vector2<T> {
+        let limits = &self.vehicles[index].limits;
+        let crate::Drive::Accelerate(along) = self.vehicles[index].drive else { return Vector2::zeros() };
+        let (v, dt) = (state.velocity, self.params.dt);
+        let mut gradient = Vector2::zeros();
+        if v.x < T::zero() {
+            if -v.x / dt < limits.braking {
+                gradient.x = -cotangent.x / dt;
             }
-            return T::zero();
+        } else if limits.along(along) < (self.params.max_speed - v.x).max(T::zero()) / dt {
+            if limits.leave_along(along) {
+                own.wish.x += cotangent.x;
+            }
+        } else if v.x < self.params.max_speed {
+            gradient.x = -cotangent.x / dt;
         }
-        if room > T::zero() { -cotangent / self.params.dt } else { T::zero() }
+        if (v.y / dt).abs() < limits.lateral {
+            gradient.y = -cotangent.y / dt;
+        }
+        gradient
     }
 }
 

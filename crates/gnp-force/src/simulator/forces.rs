@@ -58,7 +58,8 @@ pub(super) struct Sums<T: RealField> {
 }
 
 impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
-    /// The forces on a vehicle now, apart by source and with names: what the next step starts from.
+    /// The forces on a vehicle now, apart by source and with names: what the next step starts from, unless its driver
+    /// decides to change lanes.
     ///
     /// The neighbours' pushes are those that act, that is, shortened together where they exceed what the vehicle can do.
     /// A vehicle that is moved rather than pushed ([`Drive::has_a_wish`](crate::Drive::has_a_wish)) feels none.
@@ -82,7 +83,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let share = share(&me, neighbours.iter().fold(zero, |sum, push| sum + push));
         neighbours.iter_mut().for_each(|push| *push *= share);
         let lines = self.road.lines().iter().map(|line| line.push(&vehicle.state)).collect();
-        let noise = Vector2::new(self.statuses[index].noise, T::zero());
+        let noise = Vector2::new(self.next_noise(index), T::zero());
         let forces = Forces { goal, neighbours, lines };
         let sum = forces.total() + noise;
         Ok(ForceBreakdown { forces, pushed_by, noise, limits: me.limits.hold(sum, me.state.velocity) - sum })
@@ -126,12 +127,13 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
 
     /// Acceleration of a vehicle that is moved, in m/s².
     fn given(&self, index: usize, state: &State<T>) -> Vector2<T> {
-        let vehicle = &self.vehicles[index];
-        if let crate::Drive::Accelerate(along) = vehicle.drive {
-            let most = (self.params.max_speed - state.velocity.x).max(T::zero()) / self.params.dt;
-            return Vector2::new(vehicle.limits.along(along).min(most), T::zero());
-        }
-        Vector2::zeros()
+        let limits = &self.vehicles[index].limits;
+        let crate::Drive::Accelerate(along) = self.vehicles[index].drive else { return Vector2::zeros() };
+        let (v, dt) = (state.velocity, self.params.dt);
+        let most = (self.params.max_speed - v.x).max(T::zero()) / dt;
+        // Who rolls backwards comes to rest first; a motion across the road ends.
+        let along = if v.x < T::zero() { (-v.x / dt).min(limits.braking) } else { limits.along(along).min(most) };
+        Vector2::new(along, (-v.y / dt).max(-limits.lateral).min(limits.lateral))
     }
 
     /// What is called so outside.
@@ -181,10 +183,12 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
                 }
             }
         }
-        if aim != own {
-            self.see_from_beyond(index, states, aim, &mut visit);
-        }
         for lane in [Some(own), (aim != own).then_some(aim)].into_iter().flatten() {
+            if reach.beside_ahead > 0
+                && let Some((who, other)) = self.further_comer(index, lane, reach.beside_ahead, states)
+            {
+                visit(Sight::Vehicle(who), other);
+            }
             if let Some((number, other)) = self.closure_ahead(index, lane, me)
                 && !self.somebody_before(index, lane, me, other.state.position.x)
             {
@@ -193,28 +197,23 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         }
     }
 
-    /// Those ahead who change into the lane that a vehicle is changing into, from its other side: two lanes away.
-    fn see_from_beyond(
-        &self,
-        index: usize,
-        states: &[State<T>],
-        aim: usize,
-        visit: &mut impl FnMut(Sight, Other<T>),
-    ) {
-        let (me, own) = (&states[index], self.order.lane(index));
-        for &other in self.order.changing() {
-            if other == index || self.order.aim(other) != aim || self.order.lane(other).abs_diff(own) != 2 {
-                continue;
-            }
-            let way = self.road.distance(me.position.x, states[other].position.x);
-            if way > T::zero() && way <= self.params.range {
-                let mut state = states[other];
-                state.position.x = me.position.x + way;
-                let lane = if aim > own { 1 } else { -1 };
-                let place = Place { ahead: true, lane, rank: 0, merging: true };
-                visit(Sight::Vehicle(other), Other { state, extent: self.vehicles[other].extent, place });
-            }
+    /// Who is next ahead of those that change into a lane, if not among the nearest `seen` of a lane beside.
+    fn further_comer(&self, index: usize, lane: usize, seen: usize, states: &[State<T>]) -> Option<(usize, Other<T>)> {
+        let (own, ring) = (self.order.lane(index), self.road.circumference());
+        let mut coming = self.order.coming(index, lane, true, ring.is_some(), &self.vehicles);
+        let (who, lap) = coming.find(|(who, _)| self.order.lane(*who) != own)?;
+        let rank = self.order.nearer((who, lap), index, &self.vehicles);
+        let aside = self.order.lane(who) as isize - own as isize;
+        if aside.abs() == 1 && rank < seen {
+            return None;
         }
+        let mut state = states[who];
+        state.position.x += ring.map_or_else(T::zero, |ring| ring * crate::scalar::lit(f64::from(lap)));
+        if state.position.x - states[index].position.x > self.params.range {
+            return None;
+        }
+        let place = Place { ahead: true, lane: aside.clamp(-127, 127) as i8, rank, merging: true };
+        Some((who, Other { state, extent: self.vehicles[who].extent, place }))
     }
 
     /// The next closure of a lane, as something that stands across it, if it is within sight.
@@ -233,14 +232,14 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         Some((number, Other { state, extent: Extent { length: T::zero(), width: T::one() }, place: Place::LEADER }))
     }
 
-    /// Whether a vehicle of that lane is ahead and nearer than `x`.
+    /// Whether a vehicle that stays in that lane is ahead and nearer than `x`, so that following it is enough.
     fn somebody_before(&self, index: usize, lane: usize, me: &State<T>, x: T) -> bool {
         let behind = self.order.behind_in(index, lane, &self.vehicles);
         let is_own = usize::from(lane == self.order.lane(index));
         let ring = self.road.circumference().is_some();
         self.order.ahead(lane, behind, is_own, ring).next().is_some_and(|(other, _)| {
             let way = self.road.distance(me.position.x, self.vehicles[other].state.position.x);
-            me.position.x + way < x
+            self.order.aim(other) == lane && me.position.x + way < x
         })
     }
 }

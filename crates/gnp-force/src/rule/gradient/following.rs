@@ -28,6 +28,19 @@ impl<T: RealField + Copy> DifferentiableRule<T> for Idm<T> {
     fn free_vjp(&self, me: &Ego<T>, cotangent: T, d: &mut [T]) -> EgoGradient<T> {
         let mut gradient = EgoGradient::zeros();
         let (driver, v) = (self.driver(me.wish), me.state.velocity.x);
+        if me.wish <= T::zero() {
+            let wanted = -v / me.tau;
+            if wanted > -self.braking && me.limits.leave_along(wanted) {
+                gradient.state.velocity.x = -cotangent / me.tau;
+                gradient.tau = -cotangent * wanted / me.tau;
+            } else if wanted < -self.braking
+                && me.limits.leave_along(-self.braking)
+                && let [_, _, _, braking] = d
+            {
+                *braking -= cotangent;
+            }
+            return gradient;
+        }
         if me.limits.leave_along(Following::new(&driver).free(v)) {
             let vjp = free_acceleration_vjp(v, &driver, cotangent);
             gradient.state.velocity.x = vjp.speed;

@@ -62,7 +62,11 @@ impl<T: RealField + Copy> DifferentiableRule<T> for MotorwayRule<T> {
         let mut to_gap = Separation::zeros();
         let (mut to_v, mut to_other_v) = (zero, zero);
         let mut push = zero;
-        if nx < zero {
+        let behind = other.place.shares_lane() && me.state.position.x < other.state.position.x;
+        if behind || nx < zero {
+            let distance = if behind { gap.ahead } else { gap.distance };
+            // How much of the push goes along the normal, and what is asked of it.
+            let (square, to_push) = if behind { (one, -cotangent.x) } else { (nx * nx, to_push) };
             let counts = !other.place.merging && gap.beside > zero;
             let aside = if counts { gap.beside / self.path_margin } else { zero };
             let share = fading(-aside * aside);
@@ -70,18 +74,21 @@ impl<T: RealField + Copy> DifferentiableRule<T> for MotorwayRule<T> {
                 let v = me.state.velocity.x;
                 let closing = v - other.state.velocity.x;
                 let desired = self.desired_gap(v, closing);
-                let decay = fading(self.stiffness * (one - gap.distance / desired));
+                let decay = fading(self.stiffness * (one - distance / desired));
                 let strength = self.acceleration * decay;
                 let held = strength.min(limit);
-                push += held * share * nx * nx;
-                to_gap.normal.x += to_push * held * share * two * nx;
+                if !behind {
+                    push += held * share * nx * nx;
+                    to_gap.normal.x += to_push * held * share * two * nx;
+                }
                 if strength < limit {
-                    let to_strength = to_push * share * nx * nx;
+                    let to_strength = to_push * share * square;
                     *d_acceleration += to_strength * decay;
                     let to_exponent = to_strength * strength;
-                    *d_stiffness += to_exponent * (one - gap.distance / desired);
-                    to_gap.distance -= to_exponent * self.stiffness / desired;
-                    let to_desired = to_exponent * self.stiffness * gap.distance / (desired * desired);
+                    *d_stiffness += to_exponent * (one - distance / desired);
+                    let to_distance = if behind { &mut to_gap.ahead } else { &mut to_gap.distance };
+                    *to_distance -= to_exponent * self.stiffness / desired;
+                    let to_desired = to_exponent * self.stiffness * distance / (desired * desired);
                     *d_standstill_gap += to_desired;
                     let twice_root = two * (self.acceleration * self.braking).sqrt();
                     let per_speed = self.headway + closing / twice_root;
@@ -96,13 +103,13 @@ impl<T: RealField + Copy> DifferentiableRule<T> for MotorwayRule<T> {
                     }
                 }
                 if counts {
-                    let to_aside = -to_push * held * nx * nx * share * two * aside;
+                    let to_aside = -to_push * held * square * share * two * aside;
                     to_gap.beside += to_aside / self.path_margin;
                     *d_path_margin -= to_aside * aside / self.path_margin;
                 }
             }
         }
-        if ny != zero {
+        if ny != zero && !other.place.merging {
             let decay = fading(-gap.distance / self.beside_range);
             let strength = self.beside * decay;
             let held = strength.min(limit);

@@ -128,17 +128,20 @@ impl<T: RealField + Copy, R> Vehicle<T, R> {
         match &self.drive {
             Drive::Goal { .. } | Drive::Steady => {}
             Drive::Cruise { .. } | Drive::Accelerate(_) => {
-                if after.velocity.x < T::zero() {
-                    found.velocity.x = T::zero();
-                    if after.position.x <= self.state.position.x {
-                        before.position.x = found.position.x;
-                        found.position.x = T::zero();
+                let least = self.state.velocity.x.min(T::zero());
+                if after.velocity.x < least {
+                    before.velocity.x = std::mem::replace(&mut found.velocity.x, T::zero());
+                    if after.position.x <= self.state.position.x + least * dt {
+                        before.position.x = std::mem::replace(&mut found.position.x, T::zero());
+                        before.velocity.x += before.position.x * dt;
+                    }
+                    if self.state.velocity.x >= T::zero() {
+                        before.velocity.x = T::zero();
                     }
                 }
             }
             Drive::Follow(_) => {
                 before.position = taken.position;
-                before.velocity = taken.position * (dt * crate::scalar::lit(0.5));
                 found = StateGradient::zeros();
             }
         }
