@@ -137,6 +137,15 @@ fn the_threshold_of_lane_changes_is_found_again() {
 }
 
 #[test]
+fn simulated_drivers_change_lanes_as_often_as_recorded() {
+    let mobil = Mobil { threshold: 0.3, keep_right: 0., ..Mobil::standard() };
+    let drivers = DriverDistribution::fit("made", &[changing(mobil)], &FitConfig::default()).unwrap();
+    let fit = drivers.lane_changes();
+    let (recorded, simulated) = (fit.per_vehicle_km(), fit.simulated_per_vehicle_km.unwrap());
+    assert!(recorded > 0.1 && (simulated / recorded).ln().abs() < 0.25, "{recorded}, {simulated}: {fit:?}");
+}
+
+#[test]
 fn few_changes_leave_the_standard_rule() {
     let recordings = [pairs(None, 20)];
     let traffic = fit_drivers(&recordings, &FitConfig::default()).unwrap();

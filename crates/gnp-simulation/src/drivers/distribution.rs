@@ -5,7 +5,7 @@ use super::{
     fit::{FitConfig, FittedTraffic, fit_drivers},
     free::FreeSpeed,
     lane_changes::{LaneChangeFit, fit_lane_changes},
-    median,
+    median, mix,
     rate::{Mean, threshold_for},
     table::Table,
 };
@@ -253,12 +253,4 @@ impl DriverDistribution {
         let keep_right = mobil.keep_right;
         require(keep_right.is_finite(), "lane_changes.mobil.keep_right", keep_right, "finite, in m/s²")
     }
-}
-
-/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): a random number for each value.
-fn mix(value: u64) -> u64 {
-    let mut z = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }

@@ -216,9 +216,9 @@ pub fn fit_drivers(recordings: &[Recording], config: &FitConfig) -> Result<Fitte
         typical_m: total(&|i| typical.of(followed[i].class)),
         own_m: total(&|i| found[i]),
     };
-    let noise = unsteadiness(
-        followed.iter().zip(&found).flat_map(|(it, driver)| it.stretches.iter().map(move |stretch| (stretch, *driver))),
-    );
+    let each = followed.iter().zip(&found);
+    let rolled: Vec<_> = each.flat_map(|(it, driver)| it.stretches.iter().map(move |of| (of, *driver))).collect();
+    let noise = unsteadiness(&rolled);
     let driver = |(it, driver): (&Followed, &Driver<f64>)| {
         let errors = it.errors(driver);
         let (error_m, error) = (errors.metres(), errors.mixed_square().sqrt());

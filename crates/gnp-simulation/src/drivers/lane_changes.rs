@@ -80,10 +80,12 @@ impl LaneChangeFit {
 /// Once a second every driver, unless he is changing or did within 3 s, chooses between staying and the sides that are
 /// safe and have room: a logistic choice by the incentive of [`Mobil`], from the accelerations of the drivers in
 /// `traffic`; he chose a side if he begins to move there within the second, and crosses the line. Politeness, preference
-/// and scale have a weak prior, and the first two remain the standard ones where all this explains no more than a constant
-/// rate does. A rule without chance changes lanes as soon as it wants to, and drivers do not: the
-/// threshold of the result is therefore the least one at which drivers would come to want a change, at most as often as
-/// they made one.
+/// and scale have a weak prior; where all this explains no more than a constant rate does, politeness is that of
+/// [`Mobil::standard`] and neither side is preferred.
+///
+/// A rule without chance changes lanes as soon as it wants to, and drivers do not: the threshold of the result is therefore
+/// the least one at which drivers, where they were recorded, come to want a change at most as often as they made one.
+/// [`DriverDistribution::fit`](super::DriverDistribution::fit) goes on to the rate in simulated traffic.
 ///
 /// Fewer than 10 changes are not fitted. Changes that drivers must make, at exits and where lanes end, are not told from
 /// others.
@@ -118,7 +120,7 @@ pub fn fit_lane_changes(recordings: &[Recording], traffic: &FittedTraffic) -> Re
     let mut choice = problem.fit().map_err(|error| DriverError::Search(error.to_string()))?;
     let gain = problem.log_likelihood(&choice) - base(&all, changes);
     if gain < LEAST_GAIN {
-        choice = Choice { politeness: fit.mobil.politeness, keep_right: fit.mobil.keep_right, ..choice };
+        choice = Choice { politeness: fit.mobil.politeness, keep_right: 0., ..choice };
     }
     let (threshold, wishes) = calibrated(&all, &choice, changes);
     let Choice { politeness, threshold: even, keep_right, spread } = choice;

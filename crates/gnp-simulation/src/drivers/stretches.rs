@@ -197,24 +197,41 @@ impl Stretch {
         following_acceleration(place - x, self.body, v, speed, driver)
     }
 
-    /// Errors of the gap of a driver who starts where the recorded one did and follows the recorded leader; by the
-    /// ballistic step, constant acceleration over each frame.
+    /// Errors of the gap of a driver who starts where the recorded one did and follows the recorded leader.
     pub(super) fn errors(&self, driver: &Driver<f64>) -> Errors {
-        let Some([mut x, mut v]) = self.own.first().copied() else { return Errors::default() };
         let mut errors = Errors::default();
+        self.roll_out(
+            driver,
+            || 0.,
+            |at, x| {
+                let (gap, square) = (self.gap(at), (x - self.own[at][0]).powi(2));
+                errors.frames += 1.;
+                errors.squares += square;
+                errors.mixed += square / gap;
+                errors.gaps += gap;
+            },
+        );
+        errors
+    }
+
+    /// Calls `visit` with every frame but the first and the place, m, at which a driver is then who starts where the
+    /// recorded one did and follows the recorded leader, with `more` m/s² in each step; by the ballistic step, constant
+    /// acceleration over each frame.
+    pub(super) fn roll_out(
+        &self,
+        driver: &Driver<f64>,
+        mut more: impl FnMut() -> f64,
+        mut visit: impl FnMut(usize, f64),
+    ) {
+        let Some([mut x, mut v]) = self.own.first().copied() else { return };
         for at in 1..self.own.len() {
             let [place, speed] = self.leader[at - 1];
-            let acceleration = following_acceleration(place - x, self.body, v, speed, driver);
+            let acceleration = following_acceleration(place - x, self.body, v, speed, driver) + more();
             let next = (v + acceleration * self.dt).max(0.);
             x += (v + next) / 2. * self.dt;
             v = next;
-            let (gap, square) = (self.gap(at), (x - self.own[at][0]).powi(2));
-            errors.frames += 1.;
-            errors.squares += square;
-            errors.mixed += square / gap;
-            errors.gaps += gap;
+            visit(at, x);
         }
-        errors
     }
 }
 
