@@ -166,28 +166,3 @@ mod shared {
         Profile::deserialize(deserializer).map(Arc::new)
     }
 }
-
-/// A profile that is shared is written as if it were not.
-#[cfg(feature = "serde")]
-mod shared {
-    use crate::Profile;
-    use nalgebra::RealField;
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-    use std::sync::Arc;
-
-    pub(super) fn serialize<T, S>(profile: &Arc<Profile<T>>, serializer: S) -> Result<S::Ok, S::Error>
-    where
-        T: RealField + Copy + Serialize,
-        S: Serializer,
-    {
-        profile.as_ref().serialize(serializer)
-    }
-
-    pub(super) fn deserialize<'de, T, D>(deserializer: D) -> Result<Arc<Profile<T>>, D::Error>
-    where
-        T: RealField + Copy + Deserialize<'de>,
-        D: Deserializer<'de>,
-    {
-        Profile::deserialize(deserializer).map(Arc::new)
-    }
-}
