@@ -206,7 +206,7 @@ pub struct InflowSpec {
     pub headways: Headways,
 }
 
-/// Who is there at the start: vehicles at equal distances, lane by lane.
+/// Who is there at the start: vehicles with equal gaps, lane by lane.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartSpec {
@@ -214,7 +214,7 @@ pub struct StartSpec {
     pub vehicles: usize,
     /// Their speed, m/s.
     pub speed_mps: f64,
-    /// How far the first stands from its even place, m: a disturbance.
+    /// How far the first stands from its even place, m, at most half a gap: a disturbance.
     #[serde(default)]
     pub first_off_m: f64,
 }

@@ -61,8 +61,8 @@ fn floating_car_data_has_front_bumpers_and_lanes_from_the_right() {
     assert_eq!(text.matches("<timestep ").count(), 100);
     assert_eq!(text.matches("<vehicle ").count(), simulated.recording.len());
     let first = text.lines().find(|line| line.contains("<vehicle id=\"1\"")).unwrap();
-    // The centre of the first vehicle is at 0 m, in the right lane.
-    assert!(first.contains("x=\"8.25\"") && first.contains("lane=\"section_0\"") && first.contains("type=\"truck\""));
+    // The first vehicle stands with its rear at 0 m, in the right lane.
+    assert!(first.contains("x=\"16.50\"") && first.contains("lane=\"section_0\"") && first.contains("type=\"truck\""));
     assert!(first.contains("angle=\"90.00\"") && first.contains("speed=\"25.00\""), "{first}");
     assert!(text.starts_with("<?xml") && text.trim_end().ends_with("</fcd-export>"));
 }

@@ -132,7 +132,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// Puts a vehicle on the road if there is room, and returns its number; none if there is not, and nothing changed.
     ///
     /// There is room if neither the vehicle nor who comes from behind would have to brake with more than 2 m/s². Behind a
-    /// slower vehicle it enters at that one's speed. It does not change lanes for [`Mobil::pause`](crate::Mobil::pause).
+    /// slower vehicle it enters more slowly if need be, down to that one's speed. It does not change lanes for [`Mobil::pause`](crate::Mobil::pause).
     ///
     /// # Errors
     /// When a number of the vehicle is refused or its place is beside the road, as by [`Simulator::add`].
@@ -152,7 +152,8 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let leader = self.next(index, lane, true);
         let leading = leader.and_then(|next| next.who).map(|who| self.vehicles[who].state.velocity.x);
         let slower = leading.map_or(speed, |leading| speed.min(leading.max(T::zero())));
-        let fits = [speed, slower].into_iter().find(|speed| self.fits(index, *speed));
+        let between = |quarters: f64| speed + (slower - speed) * lit(quarters / 4.0);
+        let fits = [0.0, 1.0, 2.0, 3.0, 4.0].map(between).into_iter().find(|speed| self.fits(index, *speed));
         self.remove(id)?;
         self.next_id = id.0;
         let Some(speed) = fits else { return Ok(None) };
