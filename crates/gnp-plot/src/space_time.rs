@@ -77,7 +77,7 @@ pub fn space_time(lane: &SpaceTime, source: &Source) -> Figure {
         "Vehicles of one lane as lines over time, steep where they are fast, coloured by speed{prediction}. Lines that \
          begin or end inside are lane changes or the ends of tracks."
     );
-    sheet.finish(caption, source)
+    sheet.finish(&caption, source)
 }
 
 fn speed(pair: &[[f64; 2]]) -> Option<f64> {

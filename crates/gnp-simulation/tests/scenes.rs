@@ -129,7 +129,7 @@ fn lorries_enter_on_the_right_and_a_speed_limit_is_kept() {
 #[test]
 fn a_ring_keeps_its_vehicles_on_it() {
     let ring = Scene::EMBEDDED.iter().find(|(name, _)| *name == "ring").unwrap().1;
-    let simulated = run(&ring.replace("duration_s = 600", "duration_s = 60"), 0);
+    let simulated = run(&ring.replace("duration_s = 900", "duration_s = 60"), 0);
     assert_eq!((simulated.counts.remain, simulated.counts.contacts), (22, 0));
     assert!(simulated.recording.columns().x.iter().all(|x| (0. ..230.).contains(x)));
     assert_eq!(simulated.recording.len(), 22 * 600);
