@@ -12,13 +12,13 @@ use gnp_data::Recording;
 use gnp_measures::{Course, Settings, Summary, Traffic, cell_rows, detector_rows, event_rows};
 use gnp_plot::Source;
 use gnp_simulation::{Counts, Scene, Simulated, SimulationError, write_fcd, write_parquet};
-use serde::Serialize;
+use serde_json::Value;
 
 use crate::config::RunConfig;
 use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::machine::Machine;
-use crate::run::folder::write;
+use crate::run::folder::{write, write_json};
 
 /// Time steps of a cell are at least this, s, and cells at least this long, m: smaller ones hold single vehicles.
 const LEAST_CELL: [f64; 2] = [5., 20.];
@@ -179,8 +179,7 @@ fn measure_one(
     table(&out.join("detectors.csv"), detector_rows(&summary))?;
     table(&out.join("cells.csv"), cell_rows(&summary))?;
     table(&out.join("conflicts.csv"), event_rows(&summary))?;
-    let written = Written { counts, summary: &summary };
-    to_file(&out.join("summary.json"), |file| Ok(serde_json::to_writer_pretty(file, &written)?))?;
+    write_json(&out.join("summary.json"), &without_rows(&summary, counts)?)?;
     let figures = figures::all(recording, &traffic, &summary, source)?;
     crate::figures::save(&figures, &out.join("figures"))?;
     let page = page::page(recording, &summary, figures, source, words)?;
@@ -189,13 +188,28 @@ fn measure_one(
     Ok(Measured { out: out.to_owned(), summary, text })
 }
 
-/// What stands in `summary.json`.
-#[derive(Serialize)]
-struct Written<'a> {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    counts: Option<&'a Counts>,
-    #[serde(flatten)]
-    summary: &'a Summary,
+/// What stands in `summary.json`: everything but what the tables have row by row.
+fn without_rows(summary: &Summary, counts: Option<&Counts>) -> Result<Value> {
+    let mut value = serde_json::to_value(summary)?;
+    if let Some(object) = value.as_object_mut() {
+        for rows in ["cells", "detectors"] {
+            object.remove(rows);
+        }
+        if let Some(counts) = counts {
+            object.insert("counts".to_owned(), serde_json::to_value(counts)?);
+        }
+    }
+    let mut remove = |path: &str, key: &str| {
+        if let Some(object) = value.pointer_mut(path).and_then(Value::as_object_mut) {
+            object.remove(key);
+        }
+    };
+    ["conflicts", "contacts"].into_iter().for_each(|rows| remove("/safety", rows));
+    remove("/lane_changes", "changes");
+    if let Some(diagrams) = value.get_mut("diagrams").and_then(Value::as_array_mut) {
+        diagrams.iter_mut().filter_map(Value::as_object_mut).for_each(|diagram| drop(diagram.remove("points")));
+    }
+    Ok(value)
 }
 
 fn table(path: &Path, rows: impl Iterator<Item = String>) -> Result<()> {
@@ -206,8 +220,7 @@ fn table(path: &Path, rows: impl Iterator<Item = String>) -> Result<()> {
 /// Writes a large file beside its place, and puts it there once it is whole.
 fn to_file(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<()>) -> Result<()> {
     let what = || format!("cannot write {}", path.display());
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder).with_context(what)?;
+    let mut file = gnp_file::beside(path).with_context(what)?;
     let mut writer = BufWriter::new(file.as_file_mut());
     fill(&mut writer)?;
     writer.flush().with_context(what)?;
