@@ -132,7 +132,8 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// Puts a vehicle on the road if there is room, and returns its number; none if there is not, and nothing changed.
     ///
     /// There is room if neither the vehicle nor who comes from behind would have to brake with more than 2 m/s². Behind a
-    /// slower vehicle it enters more slowly if need be, down to that one's speed. It does not change lanes for [`Mobil::pause`](crate::Mobil::pause).
+    /// slower vehicle it enters more slowly if need be, down to that one's speed. It does not change lanes for
+    /// [`Mobil::pause`](crate::Mobil::pause).
     ///
     /// # Errors
     /// When a number of the vehicle is refused or its place is beside the road, as by [`Simulator::add`].
