@@ -1,7 +1,7 @@
 //! Tables as rows of comma-separated text, header first.
 
 use crate::contacts::Contact;
-use crate::lane_changes::{Direction, LaneChange};
+use crate::lane_changes::{Beside, Direction, LaneChange};
 use crate::safety::Conflict;
 use crate::summary::Summary;
 
@@ -55,31 +55,38 @@ pub fn cell_rows(summary: &Summary) -> impl Iterator<Item = String> + '_ {
     table(header, summary.cells.iter().map(row))
 }
 
-/// Lane changes, surrogate conflicts and contacts: one row an event. `other` is the leader of a conflict, or the second vehicle of a
-/// contact; `threshold` and `worst` are those of the measure that `kind` names, `worst` of a contact its depth in m.
+/// Lane changes, surrogate conflicts and contacts: one row an event. `other` is the leader of a conflict, or the second
+/// vehicle of a contact; `threshold` and `worst` are those of the measure that `kind` names, `worst` of a contact its depth in
+/// m; leader, follower and their post-encroachment times (`pet`) are those of the new lane.
 pub fn event_rows(summary: &Summary) -> impl Iterator<Item = String> + '_ {
     let header = "recording,simulated,kind,road,vehicle,other,x_m,from_s,to_s,threshold,worst,from_lane,to_lane,direction,\
-                  post_encroachment_leader_s,post_encroachment_follower_s";
+                  duration_s,leader_gap_m,leader_speed_m_s,leader_pet_s,follower_gap_m,follower_speed_m_s,follower_pet_s";
     let start = format!("{},{}", text(&summary.recording), summary.simulated);
     let starts = [start.clone(), start.clone(), start];
     let [a, b, c] = starts;
     let change = move |it: &LaneChange| {
         let LaneChange { road, vehicle, from, to, .. } = it;
         let side = if it.direction == Direction::Left { "left" } else { "right" };
-        let encroachment =
-            [it.after.leader, it.after.follower].map(|it| number(it.and_then(|it| it.post_encroachment_s)));
-        let (x, time, encroachment) = (number(it.x), number(it.time_s), encroachment.join(","));
-        format!("{a},lane_change,{road},{vehicle},,{x},{time},{time},,,{from},{to},{side},{encroachment}")
+        let beside = |it: Option<Beside>| {
+            let numbers = [it.map(|it| it.gap), it.map(|it| it.speed), it.and_then(|it| it.post_encroachment_s)];
+            numbers.map(number).join(",")
+        };
+        let (leader, follower) = (beside(it.after.leader), beside(it.after.follower));
+        let [x, time] = [it.x, it.time_s].map(number);
+        let duration = number(it.duration_s);
+        format!(
+            "{a},lane_change,{road},{vehicle},,{x},{time},{time},,,{from},{to},{side},{duration},{leader},{follower}"
+        )
     };
     let conflict = move |it: &Conflict| {
         let Conflict { road, vehicle, leader, .. } = it;
         let numbers = [it.x, it.t[0], it.t[1], it.threshold, it.worst].map(number).join(",");
-        format!("{b},{},{road},{vehicle},{leader},{numbers},,,,,", it.measure.name())
+        format!("{b},{},{road},{vehicle},{leader},{numbers}{}", it.measure.name(), ",".repeat(10))
     };
     let contact = move |it: &Contact| {
         let ([vehicle, other], road) = (it.vehicles, it.road);
         let [x, from, to, depth] = [it.x, it.t[0], it.t[1], it.depth].map(number);
-        format!("{c},contact,{road},{vehicle},{other},{x},{from},{to},,{depth},,,,,")
+        format!("{c},contact,{road},{vehicle},{other},{x},{from},{to},,{depth}{}", ",".repeat(10))
     };
     let changes = summary.lane_changes.changes.iter().map(change);
     let conflicts = summary.safety.conflicts.iter().map(conflict);

@@ -4,14 +4,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::cells::{Cell, Cells};
 use crate::error::{MeasureError, Missing};
-use crate::robust::{median, quantile, theil_sen};
+use crate::robust::{kendall, median, quantile, theil_sen, weighted_median};
 
-/// Least densities apart of two cells that make a slope, vehicles/km.
-const APART: f64 = 2.;
+/// Congested cells are put together in classes of density of this width, vehicles/km: the many near capacity would else outweigh
+/// the few in a jam.
+const CLASS: f64 = 5.;
 /// Density that the congested cells must span, between a twentieth and nineteen twentieths of them, vehicles/km.
 const SPAN: f64 = 15.;
 /// Rank correlation at or below which flow falls with density, and in standard deviations.
 const FALLING: [f64; 2] = [-0.2, -3.];
+/// Cells with at least this share of the capacity tell the density at capacity.
+const NEAR_CAPACITY: f64 = 0.9;
 /// Congested traffic where the free speed is not known is slower than this, m/s.
 const CONGESTED: f64 = 60. / 3.6;
 
@@ -23,7 +26,7 @@ pub struct DiagramSettings {
     pub capacity_quantile: f64,
     /// Traffic is free up to this density, vehicles a kilometre and lane.
     pub free_density_veh_km: f64,
-    /// Traffic is congested below this share of the free speed (below 60 km/h where the free speed is not known).
+    /// Congested traffic is slower than this share of the free speed (than 60 km/h where the free speed is not known).
     pub congested_share: f64,
     /// Cells that any estimate needs.
     pub least_cells: usize,
@@ -68,7 +71,8 @@ pub struct Capacity {
     pub cells: usize,
 }
 
-/// The falling branch of the diagram, as a straight line: Theil's and Sen's median slope.
+/// The falling branch of the diagram, as a straight line: Theil's and Sen's median slope through the medians of classes of density,
+/// 5 vehicles/km wide.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CongestedBranch {
     /// Speed at which changes of density run against the traffic, m/s; positive upstream.
@@ -97,7 +101,8 @@ pub struct FundamentalDiagram {
     pub empty_cells: usize,
     /// Capacity.
     pub capacity: Result<Capacity, Missing>,
-    /// Median speed of the cells of free density, m/s.
+    /// Median speed of the cells of free density, m/s, each weighing as much as was driven in it: a lane that few use does not count
+    /// as much as one that many do.
     pub free_speed: Result<f64, Missing>,
     /// The congested branch.
     pub congested: Result<CongestedBranch, Missing>,
@@ -125,7 +130,8 @@ impl FundamentalDiagram {
         }
         let free_speed = free_speed(&points, settings);
         let slow = free_speed.as_ref().map_or(CONGESTED, |free| free * settings.congested_share);
-        let (capacity, congested) = (capacity(&points, settings), congested(&points, slow, settings.least_cells));
+        let capacity = capacity(&points, settings);
+        let congested = congested(&points, &capacity, slow, settings.least_cells);
         Self { road: cells.road(), lane, points, empty_cells, capacity, free_speed, congested }
     }
 }
@@ -150,30 +156,61 @@ fn capacity(points: &[FlowPoint], settings: &DiagramSettings) -> Result<Capacity
 
 fn free_speed(points: &[FlowPoint], settings: &DiagramSettings) -> Result<f64, Missing> {
     let free = points.iter().filter(|point| point.density_veh_km <= settings.free_density_veh_km);
-    let speeds: Vec<f64> = free.map(|point| point.speed).collect();
+    let speeds: Vec<[f64; 2]> = free.map(|point| [point.speed, point.flow_veh_h.max(0.)]).collect();
     enough(&speeds, "of free traffic", settings.least_cells)?;
-    Ok(median(speeds).unwrap_or_default())
+    Ok(weighted_median(speeds).unwrap_or_default())
 }
 
-fn congested(points: &[FlowPoint], slow: f64, least: usize) -> Result<CongestedBranch, Missing> {
-    let branch: Vec<[f64; 2]> = points
-        .iter()
-        .filter(|point| point.speed < slow)
-        .map(|point| [point.density_veh_km, point.flow_veh_h])
-        .collect();
-    enough(&branch, "of congested traffic", least)?;
-    let densities = sorted(branch.iter().map(|point| point[0]));
+/// The branch begins at the density at capacity or, where flow fell before capacity was reached, wherever traffic is slow: of the
+/// two the one whose cells are nearer to their line.
+fn congested(
+    points: &[FlowPoint],
+    capacity: &Result<Capacity, Missing>,
+    slow: f64,
+    least: usize,
+) -> Result<CongestedBranch, Missing> {
+    let enough_flow = capacity.as_ref().map_or(f64::INFINITY, |it| it.flow_veh_h * NEAR_CAPACITY);
+    let full = points.iter().filter(|point| point.flow_veh_h >= enough_flow).map(|point| point.density_veh_km);
+    let critical = median(full.collect()).unwrap_or(0.);
+    let slow = |from: f64| {
+        let branch = points.iter().filter(|point| point.speed < slow && point.density_veh_km > from);
+        branch.map(|point| [point.density_veh_km, point.flow_veh_h]).collect::<Vec<_>>()
+    };
+    match [critical, 0.].map(|from| branch(slow(from), least)) {
+        [Ok(dense), Ok(all)] => Ok(if dense.1 <= all.1 { dense.0 } else { all.0 }),
+        [Ok(found), Err(_)] | [Err(_), Ok(found)] => Ok(found.0),
+        [Err(reason), Err(_)] => Err(reason),
+    }
+}
+
+/// A line through congested cells, and how far these are from it: the median deviation as a share of that of their flow.
+fn branch(points: Vec<[f64; 2]>, least: usize) -> Result<(CongestedBranch, f64), Missing> {
+    enough(&points, "of congested traffic", least)?;
+    let densities = sorted(points.iter().map(|point| point[0]));
     let at = |p| quantile(&densities, p).unwrap_or_default();
     let span = at(0.95) - at(0.05);
-    let line = theil_sen(&branch, APART).filter(|_| span >= SPAN);
+    let line = theil_sen(&classes(points.clone())).filter(|_| span >= SPAN);
     let Some(line) = line else { return Err(Missing::NarrowBranch { span, needed: SPAN }) };
-    if line.slope >= 0. || line.tau > FALLING[0] || line.tau_z > FALLING[1] {
-        return Err(Missing::NoFallingBranch { tau: line.tau });
+    let [tau, deviations] = kendall(&points);
+    if line.slope >= 0. || tau > FALLING[0] || deviations > FALLING[1] {
+        return Err(Missing::NoFallingBranch { tau });
     }
-    Ok(CongestedBranch {
-        wave_speed: -line.slope / 3.6,
-        jam_density_veh_km: -line.intercept / line.slope,
-        tau: line.tau,
-        cells: branch.len(),
-    })
+    let (wave_speed, jam_density_veh_km) = (-line.slope / 3.6, -line.intercept / line.slope);
+    let middle = median(points.iter().map(|point| point[1]).collect()).unwrap_or_default();
+    let apart =
+        |from: &dyn Fn(&[f64; 2]) -> f64| median(points.iter().map(|point| (point[1] - from(point)).abs()).collect());
+    let [from_line, all] = [apart(&|point| line.intercept + line.slope * point[0]), apart(&|_| middle)];
+    let share = from_line.zip(all).map_or(f64::INFINITY, |(from_line, all)| from_line / all.max(f64::EPSILON));
+    Ok((CongestedBranch { wave_speed, jam_density_veh_km, tau, cells: points.len() }, share))
+}
+
+/// Median density and flow of each class of density.
+fn classes(mut branch: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    branch.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+    let class = |point: &[f64; 2]| (point[0] / CLASS) as i64;
+    let middle = |points: &[[f64; 2]]| {
+        let of = |axis: usize| median(points.iter().map(|point| point[axis]).collect());
+        Some([of(0)?, of(1)?])
+    };
+    branch.chunk_by(|a, b| class(a) == class(b)).filter_map(middle).collect()
 }

@@ -82,7 +82,7 @@ pub enum Missing {
         tau: f64,
     },
     /// A recording too short, or too empty, to compare two places.
-    #[error("no two places are seen together for {needed_s:.0} s")]
+    #[error("no two places are seen together for {needed_s:.0} s at every lag of a wave")]
     TooShort {
         /// Time that is needed, s.
         needed_s: f64,
@@ -96,11 +96,13 @@ pub enum Missing {
         needed: f64,
     },
     /// What one place shows is not seen at the next.
-    #[error("places agree too little: correlation {correlation:.2}, {prominence:.2} above that of other lags")]
+    #[error(
+        "no speed stands out: places agree best with correlation {correlation:.2}, {prominence:.2} above other speeds"
+    )]
     Weak {
         /// Greatest mean correlation over pairs of places.
         correlation: f64,
-        /// How far it stands above the median over all lags.
+        /// How far it stands above the valleys that part it from other lags.
         prominence: f64,
     },
     /// Patterns that travel with the vehicles.
@@ -109,8 +111,11 @@ pub enum Missing {
         /// Speed of the pattern with the traffic, m/s.
         speed: f64,
     },
-    /// Places that change at once, or so slowly that no speed can be told.
-    #[error("the best lag stands at the edge of the speeds looked for: {speed:.1} m/s upstream")]
+    /// No lag between places.
+    #[error("speed changes everywhere at once; no wave runs through it")]
+    AtOnce,
+    /// A best lag that is that of no peak.
+    #[error("places agree ever better towards the slowest wave looked for, {speed:.1} m/s upstream")]
     OutOfRange {
         /// Speed of the best lag, m/s upstream.
         speed: f64,

@@ -118,6 +118,12 @@ impl Summary {
             |(what, rows): (&&str, &u64)| LeftOut { what: (*what).to_owned(), amount: *rows as f64, unit: "rows" };
         left_out.extend(samples.left_out.iter().map(rows));
         let tracks = recording.tracks();
+        let named = recording.columns().named_leader.iter().flatten().filter(|named| named.vehicle != 0).count();
+        if named > 0 {
+            let what =
+                "leader without rows of its own: flow and density are those of a sample of the traffic".to_owned();
+            left_out.push(LeftOut { what, amount: named as f64, unit: "rows" });
+        }
         Ok(Self {
             dataset: meta.dataset,
             site: meta.site,

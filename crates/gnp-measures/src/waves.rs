@@ -8,8 +8,11 @@ use crate::error::{MeasureError, Missing};
 use crate::robust::median;
 use crate::traffic::Traffic;
 
-/// Places that each place is compared with, downstream of it.
-const NEAR: usize = 6;
+/// Each place is compared with those so many places downstream of it, up to [`FARTHEST`]: near ones tell waves of short
+/// periods from others, far ones tell the speed of long waves.
+const APART: [usize; 9] = [1, 2, 3, 4, 6, 8, 12, 16, 24];
+/// Distance of two places at most, m.
+const FARTHEST: f64 = 500.;
 /// Pairs of places of a lane at most; of a longer road an even choice of places.
 const PAIRS: usize = 400;
 /// Step of the slownesses (inverse speeds) that are tried, s/m; a tried one stands for a lag at every distance.
@@ -18,8 +21,8 @@ const SLOWNESS: f64 = 0.002;
 /// look as good at a slowness that differs by T over their distance; with places 20 m apart that is beyond these bounds
 /// for periods above 17 s.
 const SLOWEST: [f64; 2] = [2., 3.];
-/// Share of the pairs of places that a lag needs.
-const SEEN: f64 = 0.5;
+/// What runs downstream faster than any vehicle happens at once, m/s.
+const FASTEST: f64 = 60.;
 
 /// How waves are looked for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,6 +35,8 @@ pub struct WaveSettings {
     pub step_s: f64,
     /// Width of the moving mean over a series, s.
     pub smooth_s: f64,
+    /// Width of the moving mean that is subtracted, so that slow changes of the whole stretch are no wave, s.
+    pub trend_s: f64,
     /// Longest time without a vehicle that is bridged, s.
     pub bridge_s: f64,
     /// Time that two places must be seen together, s.
@@ -42,7 +47,7 @@ pub struct WaveSettings {
     pub least_deviation: f64,
     /// Least mean correlation of pairs of places at the best lag.
     pub least_correlation: f64,
-    /// How far it must stand above the median over all lags.
+    /// How far it must stand above the valleys that part it from other lags.
     pub least_prominence: f64,
     /// A stop-and-go wave is a fall of the speed by at least this, and a rise by as much after it, m/s.
     pub swing: f64,
@@ -56,6 +61,7 @@ impl Default for WaveSettings {
             spacing: None,
             step_s: 0.5,
             smooth_s: 5.,
+            trend_s: 240.,
             bridge_s: 20.,
             together_s: 30.,
             fastest: 15.,
@@ -74,6 +80,7 @@ impl WaveSettings {
             ("waves.spacing", self.spacing.unwrap_or(1.)),
             ("waves.step_s", self.step_s),
             ("waves.smooth_s", self.smooth_s),
+            ("waves.trend_s", self.trend_s),
             ("waves.bridge_s", self.bridge_s),
             ("waves.together_s", self.together_s),
             ("waves.fastest", self.fastest),
@@ -92,9 +99,12 @@ pub struct WaveSpeed {
     pub speed: f64,
     /// Mean correlation over pairs of places at the lag of this speed: the wave's strength.
     pub correlation: f64,
-    /// How far that stands above the median over all lags.
+    /// How far that stands above the valleys that part it from other lags.
     pub prominence: f64,
-    /// Pairs of places.
+    /// Greatest mean correlation at lags of patterns that travel with the traffic, as single vehicles do: where it is higher, there
+    /// is more of these than of waves.
+    pub with_traffic: f64,
+    /// Pairs of places that are seen together long enough at the lag of every speed.
     pub pairs: usize,
 }
 
@@ -133,8 +143,8 @@ pub struct Waves {
 /// The mean correlation of pairs of places over slowness.
 #[derive(Clone, Default)]
 struct Stack {
-    /// Sum of correlations and number of pairs by slowness, from downstream to upstream.
-    sums: Vec<(f64, usize)>,
+    /// Sum of correlations by slowness, from downstream to upstream.
+    sums: Vec<f64>,
     pairs: usize,
     deviations: Vec<f64>,
 }
@@ -143,10 +153,10 @@ impl Traffic<'_> {
     /// Waves of each lane of a carriageway, from left to right, and those of all of them last.
     ///
     /// The speed of small cells of one lane makes a series over time at each place. A wave that runs upstream is seen first
-    /// downstream: every series is correlated with those of the six places downstream at every lag, and the speed at
-    /// which the mean correlation over the pairs is greatest is the wave's (the idea of the cross-correlation of detectors;
-    /// compare Cassidy and Windover 1995 and Treiber and Kesting 2013, chapter 18). A lag that only suits one distance,
-    /// such as a whole period of the waves or a round of a ring, does not suit the others.
+    /// downstream: every series is correlated with those of places downstream, up to 500 m, at every lag, and the upstream
+    /// speed at which the mean correlation over the pairs has its highest peak is the wave's (the idea of correlating
+    /// detectors; compare Cassidy and Windover 1995). A lag that only suits one
+    /// distance, such as a whole period of the waves or a round of a ring, does not suit the others.
     ///
     /// # Errors
     /// [`MeasureError::Setting`] for settings that are not positive, [`MeasureError::TooFine`].
@@ -160,7 +170,9 @@ impl Traffic<'_> {
         let mut waves: Vec<Waves> = Vec::new();
         for (plane, number) in cells.lanes().iter().enumerate() {
             let series: Vec<Vec<f64>> =
-                (0..cells.x().count).map(|x| smooth(&bridged(cells.speeds(plane, x), &settings), &settings)).collect();
+                (0..cells.x().count).map(|x| bridged(cells.speeds(plane, x), &settings)).collect();
+            let series: Vec<Vec<f64>> =
+                series.iter().map(|raw| moving_mean(raw, settings.smooth_s / settings.step_s)).collect();
             let places = places(*number, cells.x(), &series, &settings);
             let stack = stacked(&series, cells.x(), ring, &settings);
             all.0.add(&stack);
@@ -189,13 +201,17 @@ fn bridged(speeds: impl Iterator<Item = Option<f64>>, settings: &WaveSettings) -
     series
 }
 
-/// Moving mean of what is known, about each known value.
-fn smooth(series: &[f64], settings: &WaveSettings) -> Vec<f64> {
-    let half = (settings.smooth_s / settings.step_s / 2.) as usize;
+/// Mean of the known values within `width` steps about each known one.
+fn moving_mean(series: &[f64], width: f64) -> Vec<f64> {
+    let half = (width / 2.) as usize;
+    let (mut sum, mut known) = (vec![0.], vec![0usize]);
+    for (i, value) in series.iter().enumerate() {
+        sum.push(sum[i] + if value.is_nan() { 0. } else { *value });
+        known.push(known[i] + usize::from(!value.is_nan()));
+    }
     let mean = |i: usize| {
-        let around = &series[i.saturating_sub(half)..(i.saturating_add(half + 1)).min(series.len())];
-        let known = around.iter().filter(|v| !v.is_nan());
-        known.clone().sum::<f64>() / known.count() as f64
+        let (from, to) = (i.saturating_sub(half), i.saturating_add(half + 1).min(series.len()));
+        (sum[to] - sum[from]) / (known[to] - known[from]) as f64
     };
     (0..series.len()).map(|i| if series[i].is_nan() { f64::NAN } else { mean(i) }).collect()
 }
@@ -253,44 +269,48 @@ fn tried() -> usize {
 }
 
 fn stacked(series: &[Vec<f64>], x: &Bins, ring: bool, settings: &WaveSettings) -> Stack {
-    let mut stack = Stack { sums: vec![(0., 0); tried()], ..Stack::default() };
+    let mut stack = Stack { sums: vec![0.; tried()], ..Stack::default() };
     let known = series.iter().map(|s| s.iter().copied().filter(|v| !v.is_nan()).collect::<Vec<_>>());
     stack.deviations = known.filter_map(|known| moments(&known)).map(|[_, deviation]| deviation).collect();
     let together = (settings.together_s / settings.step_s).ceil().max(3.) as usize;
-    for up in (0..series.len()).step_by((series.len() * NEAR).div_ceil(PAIRS).max(1)) {
-        for by in 1..=NEAR {
+    let quick: Vec<Vec<f64>> = series.iter().map(|series| without_trend(series, settings)).collect();
+    for up in (0..series.len()).step_by((series.len() * APART.len()).div_ceil(PAIRS).max(1)) {
+        for by in APART {
             let down = if ring { (up + by) % series.len() } else { up + by };
-            // On a ring of few places the other way round would be as near.
-            if down >= series.len() || (ring && by * 2 >= series.len()) {
+            let distance = by as f64 * x.step;
+            // On a ring the other way round must be farther.
+            if down >= series.len() || (ring && by * 2 >= series.len()) || (by > 1 && distance > FARTHEST) {
                 break;
             }
-            let distance = by as f64 * x.step;
-            let longest = (distance / SLOWEST[0] / settings.step_s).ceil() as i64 + 1;
-            let at_lag: Vec<Option<f64>> =
-                (-longest..=longest).map(|lag| correlation(&series[down], &series[up], lag, together)).collect();
-            stack.pairs += usize::from(at_lag.iter().any(Option::is_some));
+            let lag = |i: usize| distance * slowness(i) / settings.step_s;
+            let first = lag(0).floor() as i64 - 1;
+            let lags = first..=lag(tried() - 1).ceil() as i64 + 1;
+            // A pair counts for every lag or for none: the nearer ones agree better, and would favour lags that only they have.
+            let at_lag: Option<Vec<f64>> =
+                lags.map(|lag| correlation(&quick[down], &quick[up], lag, together)).collect();
+            let Some(at_lag) = at_lag else { continue };
+            stack.pairs += 1;
             for (i, sum) in stack.sums.iter_mut().enumerate() {
-                let lag = distance * slowness(i) / settings.step_s + longest as f64;
-                if let Some(correlation) = between_lags(&at_lag, lag) {
-                    sum.0 += correlation;
-                    sum.1 += 1;
-                }
+                *sum += between_lags(&at_lag, lag(i) - first as f64);
             }
         }
     }
     stack
 }
 
-/// The correlation at a place between lags, on the cubic through two lags on either side; straight at the ends.
-fn between_lags(at_lag: &[Option<f64>], lag: f64) -> Option<f64> {
-    let below = lag.floor().max(0.) as usize;
-    let at = |i: usize| at_lag.get(i).copied().flatten();
-    let (b, c) = (at(below)?, at(below + 1)?);
-    let a = below.checked_sub(1).and_then(at).unwrap_or(2. * b - c);
-    let d = at(below + 2).unwrap_or(2. * c - b);
+fn without_trend(series: &[f64], settings: &WaveSettings) -> Vec<f64> {
+    let trend = moving_mean(series, settings.trend_s / settings.step_s);
+    series.iter().zip(trend).map(|(value, trend)| value - trend).collect()
+}
+
+/// The correlation between two lags, on the cubic of Catmull and Rom; `lag` counts from the first, and two lags lie beyond it.
+fn between_lags(at_lag: &[f64], lag: f64) -> f64 {
+    let below = (lag as usize).clamp(1, at_lag.len().saturating_sub(3).max(1));
+    let [Some(a), Some(b), Some(c), Some(d)] = [below - 1, below, below + 1, below + 2].map(|i| at_lag.get(i)) else {
+        return 0.;
+    };
     let t = lag - below as f64;
-    // Catmull and Rom.
-    Some(b + t / 2. * (c - a + t * (2. * a - 5. * b + 4. * c - d + t * (3. * (b - c) + d - a))))
+    b + t / 2. * (c - a + t * (2. * a - 5. * b + 4. * c - d + t * (3. * (b - c) + d - a)))
 }
 
 /// Pearson's correlation of `down` and, `lag` steps later, `up`, over the times when both are known; `None` where these are
@@ -314,45 +334,56 @@ fn correlation(down: &[f64], up: &[f64], lag: i64, together: usize) -> Option<f6
 
 impl Stack {
     fn add(&mut self, other: &Self) {
-        self.sums.resize(tried(), (0., 0));
-        for (sum, more) in self.sums.iter_mut().zip(&other.sums) {
-            *sum = (sum.0 + more.0, sum.1 + more.1);
-        }
+        self.sums.resize(tried(), 0.);
+        self.sums.iter_mut().zip(&other.sums).for_each(|(sum, more)| *sum += more);
         self.pairs += other.pairs;
         self.deviations.extend(&other.deviations);
     }
 
     fn speed(&self, settings: &WaveSettings) -> Result<WaveSpeed, Missing> {
-        let enough = (self.pairs as f64 * SEEN).max(1.);
-        let mean = |(sum, pairs): &(f64, usize)| (*pairs as f64 >= enough).then(|| sum / *pairs as f64);
-        let means: Vec<Option<f64>> = self.sums.iter().map(mean).collect();
-        let known = || means.iter().enumerate().filter_map(|(i, mean)| Some((i, (*mean)?)));
-        let best = known().max_by(|a, b| a.1.total_cmp(&b.1));
-        let (Some((i, correlation)), Some(usual)) = (best, median(known().map(|(_, mean)| mean).collect())) else {
-            return Err(Missing::TooShort { needed_s: settings.together_s });
-        };
-        let deviation = median(self.deviations.clone()).unwrap_or_default();
-        if deviation < settings.least_deviation {
+        let means: Vec<f64> = self.sums.iter().map(|sum| sum / self.pairs.max(1) as f64).collect();
+        let greatest = |range: std::ops::Range<usize>| range.max_by(|a, b| means[*a].total_cmp(&means[*b]));
+        // Where nothing changes there is no correlation either, hence first.
+        if let Some(deviation) = median(self.deviations.clone()).filter(|found| *found < settings.least_deviation) {
             return Err(Missing::Steady { deviation, needed: settings.least_deviation });
         }
-        let prominence = correlation - usual;
-        if correlation < settings.least_correlation || prominence < settings.least_prominence {
-            return Err(Missing::Weak { correlation, prominence });
-        }
-        // A parabola through the best and its neighbours.
-        let beside = [i.checked_sub(1).and_then(|i| means[i]), means.get(i + 1).copied().flatten()];
-        let [Some(before), Some(after)] = beside else {
-            return Err(Missing::OutOfRange { speed: 1. / slowness(i) });
+        let (Some(best), true) = (greatest(0..means.len()), self.pairs > 0) else {
+            return Err(Missing::TooShort { needed_s: settings.together_s });
         };
-        let bend = before - 2. * correlation + after;
-        let offset = if bend < 0. { (before - after) / (2. * bend) } else { 0. };
-        let best = slowness(i) + SLOWNESS * offset.clamp(-1., 1.);
-        if best < -1. / settings.fastest / 4. {
-            return Err(Missing::Downstream { speed: -1. / best });
+        let first_above = |bound: f64| (0..means.len()).find(|i| slowness(*i) >= bound).unwrap_or(means.len());
+        let (at_once, upstream) = (first_above(-1. / FASTEST), first_above(1. / settings.fastest));
+        let peaks =
+            (upstream.max(1)..means.len() - 1).filter(|i| means[*i] > means[i - 1] && means[*i] >= means[i + 1]);
+        if let Some(peak) = peaks.max_by(|a, b| means[*a].total_cmp(&means[*b])) {
+            let (correlation, prominence) = (means[peak], prominence(&means, peak));
+            if correlation >= settings.least_correlation && prominence >= settings.least_prominence {
+                // A parabola through the peak and its neighbours.
+                let (before, after) = (means[peak - 1], means[peak + 1]);
+                let bend = before - 2. * correlation + after;
+                let offset = if bend < 0. { (before - after) / (2. * bend) } else { 0. };
+                let speed = 1. / (slowness(peak) + SLOWNESS * offset);
+                let with_traffic = greatest(0..at_once).map_or(0., |i| means[i]);
+                return Ok(WaveSpeed { speed, correlation, prominence, with_traffic, pairs: self.pairs });
+            }
         }
-        if best < 1. / settings.fastest {
-            return Err(Missing::OutOfRange { speed: 1. / best });
-        }
-        Ok(WaveSpeed { speed: 1. / best, correlation, prominence, pairs: self.pairs })
+        let (correlation, prominence) = (means[best], prominence(&means, best));
+        Err(if correlation < settings.least_correlation || prominence < settings.least_prominence {
+            Missing::Weak { correlation, prominence }
+        } else if best < at_once {
+            Missing::Downstream { speed: -1. / slowness(best) }
+        } else if best < upstream {
+            Missing::AtOnce
+        } else {
+            Missing::OutOfRange { speed: 1. / slowness(best) }
+        })
     }
+}
+
+/// Height of a peak over the valleys that part it from higher ones; on a side without a higher one, over the lowest there.
+fn prominence(heights: &[f64], peak: usize) -> f64 {
+    let lowest = |side: &mut dyn Iterator<Item = &f64>| {
+        side.take_while(|height| **height <= heights[peak]).copied().fold(heights[peak], f64::min)
+    };
+    let sides = [lowest(&mut heights[..peak].iter().rev()), lowest(&mut heights[peak + 1..].iter())];
+    heights[peak] - sides[0].max(sides[1])
 }

@@ -119,16 +119,19 @@ fn a_ring_is_the_same_wrapped_and_counted_on() {
     }
 }
 
-/// Lanes of a ring of 1 km, each uniform at its own density: a triangular diagram, drawn by hand.
-fn triangle(cars: &[u32]) -> Vec<Row> {
-    let (free, wave, jam) = (30., 5., 140.);
+/// Speed on a triangular diagram: 30 m/s, waves of 5 m/s upstream, 140 vehicles/km in a jam.
+fn on_triangle(cars: u32) -> f64 {
+    f64::min(30., 5. * (140. / f64::from(cars) - 1.))
+}
+
+/// Lanes of a ring of 1 km, each uniform with its own number of cars and speed.
+fn lanes(lanes: &[(u32, f64)]) -> Vec<Row> {
     let mut rows = Vec::new();
-    for (lane, cars) in (1..).zip(cars) {
-        let speed = f64::min(free, wave * (jam / f64::from(*cars) - 1.));
+    for (lane, (cars, speed)) in (1..).zip(lanes) {
         for car in 0..*cars {
             let start = 1000. * f64::from(car) / f64::from(*cars);
             let vehicle = 1 + car + 200 * (lane as u32 % 4) + 100_000 * lane as u32;
-            rows.extend(drive(vehicle, lane, 0..41, |t| (start + speed * t, speed)));
+            rows.extend(drive(vehicle, lane, 0..41, |t| (start + speed * t, *speed)));
         }
     }
     // All on the first carriageway.
@@ -139,7 +142,11 @@ fn triangle(cars: &[u32]) -> Vec<Row> {
 }
 
 fn diagram(cars: &[u32]) -> FundamentalDiagram {
-    let recording = recording(&triangle(cars));
+    diagram_of(&cars.iter().map(|cars| (*cars, on_triangle(*cars))).collect::<Vec<_>>())
+}
+
+fn diagram_of(cars: &[(u32, f64)]) -> FundamentalDiagram {
+    let recording = recording(&lanes(cars));
     let traffic = Traffic::new(&recording, Course::Ring { circumference: 1000. }).unwrap();
     let cells = traffic.cells(0, CellSize { x: 500., t: 2. }).unwrap().unwrap();
     FundamentalDiagram::of(&cells, &DiagramSettings::default()).unwrap().pop().unwrap()
@@ -160,12 +167,22 @@ fn a_triangular_diagram_is_found_again() {
 }
 
 #[test]
+fn a_dense_lane_that_has_not_broken_down_yet_does_not_turn_the_branch() {
+    let cars = [4, 8, 10, 30, 40, 50, 60, 70, 80, 90, 100];
+    let mut lanes: Vec<(u32, f64)> = cars.iter().map(|cars| (*cars, on_triangle(*cars))).collect();
+    lanes.push((92, 9.)); // half as much flow again as the triangle has at its top
+    let branch = diagram_of(&lanes).congested.unwrap();
+    near(branch.wave_speed, 5., 0.3);
+    near(branch.jam_density_veh_km, 140., 4.);
+}
+
+#[test]
 fn what_a_diagram_does_not_show_has_a_reason() {
     let free = diagram(&[4, 8, 10]);
     let few = Missing::FewPoints { which: "of congested traffic", found: 0, needed: 10 };
     assert_eq!(free.congested, Err(few));
     assert!(free.free_speed.is_ok());
-    let jam = diagram(&[70, 70, 70, 72]);
+    let jam = diagram(&[20, 70, 70, 72]);
     assert!(matches!(jam.congested, Err(Missing::NarrowBranch { .. })), "{:?}", jam.congested);
     assert!(matches!(jam.free_speed, Err(Missing::FewPoints { found: 0, .. })));
 }

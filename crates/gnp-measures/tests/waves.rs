@@ -101,8 +101,10 @@ fn free(differ: f64) -> Vec<Row> {
 
 #[test]
 fn where_there_is_no_wave_the_reason_is_said() {
-    let steady = waves(&free(0.1), Course::Open);
-    assert!(matches!(steady[1].speed, Err(Missing::Steady { .. })), "{:?}", steady[1].speed);
+    for differ in [0., 0.1] {
+        let steady = waves(&free(differ), Course::Open);
+        assert!(matches!(steady[1].speed, Err(Missing::Steady { .. })), "{:?}", steady[1].speed);
+    }
     // Fast and slow vehicles make a pattern, which travels with them.
     let free = waves(&free(5.), Course::Open);
     match free[1].speed {
@@ -112,6 +114,22 @@ fn where_there_is_no_wave_the_reason_is_said() {
     assert!(free[1].places.iter().all(|place| place.waves == 0 && place.deviation > 1.));
     let short = waves(&section(5., 20., 500., 20.), Course::Open);
     assert!(matches!(short[1].speed, Err(Missing::TooShort { .. })), "{:?}", short[1].speed);
+}
+
+#[test]
+fn what_happens_everywhere_at_once_is_no_wave() {
+    let speed = |t: f64| 12. + 5. * (TAU * t / 50.).sin();
+    let mut rows = Vec::new();
+    for vehicle in 0..20 {
+        let mut x = 25. * f64::from(vehicle);
+        for frame in 0..3000 {
+            let t = f64::from(frame) / RATE;
+            rows.push((vehicle as u32 + 1, frame, x, -1.875, speed(t), 1));
+            x += speed(t) / RATE;
+        }
+    }
+    let found = waves(&rows, Course::Ring { circumference: 500. });
+    assert_eq!(found[1].speed, Err(Missing::AtOnce));
 }
 
 #[test]

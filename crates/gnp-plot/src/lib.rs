@@ -29,6 +29,7 @@ mod scene;
 mod select;
 mod space_time;
 mod svg;
+mod traffic;
 mod what_if;
 
 pub use crate::cases::{Case, cases};
@@ -46,4 +47,5 @@ pub use crate::report::{Report, ReportCell, ReportSection, ReportTable};
 pub use crate::scene::{Other, Scene, VehicleBox};
 pub use crate::select::{LateralManoeuvre, SceneRule, find_scene, lateral_manoeuvre, quantiles};
 pub use crate::space_time::{LongitudinalForecast, SpaceTime, Trace, space_time};
+pub use crate::traffic::{DetectorSeries, FlowDensity, SpeedField, detector_series, flow_density, speed_field};
 pub use crate::what_if::{Mark, WhatIf, what_if};

@@ -6,6 +6,19 @@ use gnp_force::ForceError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimulationError {
+    /// The text of a scene is no TOML, or lacks a key, or has one that is not known.
+    #[error(transparent)]
+    Syntax(#[from] toml::de::Error),
+    /// A scene says something that cannot be.
+    #[error("`{key}` is {value}, but must be {must}")]
+    Scene {
+        /// The key, as in the file.
+        key: String,
+        /// What it says.
+        value: String,
+        /// What it must be.
+        must: String,
+    },
     /// The physics refuses a number, a place or a road.
     #[error(transparent)]
     Force(#[from] ForceError),
@@ -56,5 +69,19 @@ pub enum SimulationError {
         line: usize,
         /// What is wrong with it.
         reason: String,
+    },
+    /// A file could not be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The work was stopped from outside.
+    #[error("stopped after {seconds:.0} s of simulated time")]
+    Stopped {
+        /// How far it came, s.
+        seconds: f64,
     },
 }

@@ -7,8 +7,17 @@
 //! what it makes of it is compared with what happened.
 mod chance;
 mod error;
+mod output;
 pub mod realism;
 mod recorder;
 pub mod replay;
+mod run;
+mod scene;
 
-pub use crate::{error::SimulationError, recorder::Recorder};
+pub use crate::{
+    error::SimulationError,
+    output::{write_fcd, write_parquet},
+    recorder::Recorder,
+    run::{Counts, Happening, Kind, Simulated},
+    scene::{ClosureSpec, DriverSpec, InflowSpec, RoadSpec, Scene, SpeedLimit, Spread, StartSpec},
+};

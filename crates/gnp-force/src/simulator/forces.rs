@@ -165,11 +165,38 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
                 }
             }
         }
+        if aim != own {
+            self.see_from_beyond(index, states, aim, &mut visit);
+        }
         for lane in [Some(own), (aim != own).then_some(aim)].into_iter().flatten() {
             if let Some((number, other)) = self.closure_ahead(index, lane, me)
                 && !self.somebody_before(index, lane, me, other.state.position.x)
             {
                 visit(Sight::Closure(number), other);
+            }
+        }
+    }
+
+    /// Those ahead who change into the lane that a vehicle is changing into, from its other side: two lanes away.
+    fn see_from_beyond(
+        &self,
+        index: usize,
+        states: &[State<T>],
+        aim: usize,
+        visit: &mut impl FnMut(Sight, Other<T>),
+    ) {
+        let (me, own) = (&states[index], self.order.lane(index));
+        for &other in self.order.changing() {
+            if other == index || self.order.aim(other) != aim || self.order.lane(other).abs_diff(own) != 2 {
+                continue;
+            }
+            let way = self.road.distance(me.position.x, states[other].position.x);
+            if way > T::zero() && way <= self.params.range {
+                let mut state = states[other];
+                state.position.x = me.position.x + way;
+                let lane = if aim > own { 1 } else { -1 };
+                let place = Place { ahead: true, lane, rank: 0, merging: true };
+                visit(Sight::Vehicle(other), Other { state, extent: self.vehicles[other].extent, place });
             }
         }
     }

@@ -48,6 +48,7 @@ pub struct Inflow<T> {
     /// When the next one wants to enter, in s.
     due: T,
     drawn: u64,
+    came: u64,
     entered: u64,
 }
 
@@ -58,18 +59,21 @@ impl<T: RealField + Copy> Inflow<T> {
     /// When the flow is negative or not finite.
     pub fn new(flow: T, headways: Headways, seed: u64) -> Result<Self, ForceError> {
         require_not_negative("inflow.flow", flow)?;
-        let mut inflow = Self { flow, headways, seed, due: T::zero(), drawn: 0, entered: 0 };
+        let mut inflow = Self { flow, headways, seed, due: T::zero(), drawn: 0, came: 0, entered: 0 };
         inflow.due = inflow.headway();
         Ok(inflow)
     }
 
-    /// Changes the rate, for the vehicle after the next, in vehicles an hour.
+    /// Changes the rate to `flow` vehicles an hour from time `from` in s on, which is now or later; the next vehicle comes a
+    /// time of the new rate after it.
     ///
     /// # Errors
     /// When the flow is negative or not finite.
-    pub fn set_flow(&mut self, flow: T) -> Result<(), ForceError> {
+    pub fn set_flow(&mut self, flow: T, from: T) -> Result<(), ForceError> {
         require_not_negative("inflow.flow", flow)?;
+        self.come(from);
         self.flow = flow;
+        self.due = from + self.headway();
         Ok(())
     }
 
@@ -82,7 +86,7 @@ impl<T: RealField + Copy> Inflow<T> {
     /// How many wait for room.
     #[must_use]
     pub fn waiting(&self) -> u64 {
-        self.drawn.saturating_sub(1).saturating_sub(self.entered)
+        self.came.saturating_sub(self.entered)
     }
 
     /// The next time between two vehicles, in s; without end where nobody comes.
@@ -101,6 +105,7 @@ impl<T: RealField + Copy> Inflow<T> {
     /// Counts those who want to enter up to `time` s.
     fn come(&mut self, time: T) {
         while self.due <= time {
+            self.came += 1;
             let headway = self.headway();
             self.due += headway;
         }

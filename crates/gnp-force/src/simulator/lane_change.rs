@@ -107,7 +107,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             Some(rule.behind(&ego, after.map(|ahead| self.seen_ahead(&ego, ahead)).as_ref()) - before)
         });
         let mut best = (T::zero(), None);
-        for target in beside.into_iter().flatten() {
+        for target in beside.into_iter().flatten().filter(|target| !self.is_closed(index, *target)) {
             let Some(gain) = self.gain(index, &me, target, urgency, &mobil) else { continue };
             let right = if target < lane { mobil.keep_right } else { -mobil.keep_right };
             let others = released.unwrap_or_else(T::zero) * mobil.politeness;
@@ -145,6 +145,14 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let ahead = leader.map(|next| Next { way: next.way + way, ..next });
         let before = his.behind(&ego, ahead.map(|next| self.seen_ahead(&ego, next)).as_ref());
         Some(mine + mobil.politeness * (after - before))
+    }
+
+    /// Whether a lane is closed beside a vehicle.
+    fn is_closed(&self, index: usize, lane: usize) -> bool {
+        let vehicle = &self.vehicles[index];
+        let (x, half) = (vehicle.state.position.x, vehicle.extent.length * lit(0.5));
+        let there = |closure: &crate::Closure<T>| x + half > closure.from && x - half < closure.to;
+        self.road.closures().iter().any(|closure| closure.lane == lane && there(closure))
     }
 
     /// From 0 far from the end of a lane to 1 at it.
