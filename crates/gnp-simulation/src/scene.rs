@@ -287,7 +287,12 @@ impl Scene {
         }
         if let Some(inflow) = &self.inflow {
             require(!road.ring, "inflow", "there", "absent on a ring: say who is there with `start`")?;
-            require(!inflow.flow.is_empty(), "inflow.flow", "empty", "one pair [time_s, vehicles_an_hour_and_lane] or more")?;
+            require(
+                !inflow.flow.is_empty(),
+                "inflow.flow",
+                "empty",
+                "one pair [time_s, vehicles_an_hour_and_lane] or more",
+            )?;
             for [time, flow] in &inflow.flow {
                 within("inflow.flow", *time, 0.0, MOST_SECONDS)?;
                 within("inflow.flow", *flow, 0.0, 5000.0)?;

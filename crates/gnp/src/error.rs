@@ -84,6 +84,12 @@ pub enum Error {
     /// A picture.
     #[error(transparent)]
     Paint(#[from] gnp_plot::PaintError),
+    /// Closed-loop traffic.
+    #[error(transparent)]
+    Simulation(#[from] gnp_simulation::SimulationError),
+    /// The fit of drivers to recordings.
+    #[error(transparent)]
+    Drivers(#[from] gnp_simulation::drivers::DriverError),
     /// A file for the Rerun viewer.
     #[error(transparent)]
     Replay(#[from] gnp_replay::ReplayError),

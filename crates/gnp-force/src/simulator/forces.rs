@@ -178,13 +178,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     }
 
     /// Those ahead who change into the lane that a vehicle is changing into, from its other side: two lanes away.
-    fn see_from_beyond(
-        &self,
-        index: usize,
-        states: &[State<T>],
-        aim: usize,
-        visit: &mut impl FnMut(Sight, Other<T>),
-    ) {
+    fn see_from_beyond(&self, index: usize, states: &[State<T>], aim: usize, visit: &mut impl FnMut(Sight, Other<T>)) {
         let (me, own) = (&states[index], self.order.lane(index));
         for &other in self.order.changing() {
             if other == index || self.order.aim(other) != aim || self.order.lane(other).abs_diff(own) != 2 {

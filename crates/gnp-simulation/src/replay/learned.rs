@@ -183,6 +183,15 @@ fn followed(
 /// The last seconds of everybody, and the driven actors in the section with their tracks.
 type Seen = (Recording, Vec<(usize, usize)>);
 
+/// Numbers of vehicles that are moved as recorded begin here: two of them may have one number in the file.
+const MOVED: u32 = 1 << 31;
+
+/// The number under which a predictor sees an actor: his own, if he is driven.
+fn number(scene: &Scene, index: usize) -> u32 {
+    let actor = &scene.actors[index];
+    if actor.is_driven() { actor.vehicle } else { MOVED + index as u32 }
+}
+
 /// What a predictor sees now; nothing where nobody is to be driven.
 fn seen(world: &World<'_>, shape: &WindowShape) -> Result<Option<Seen>, SimulationError> {
     let scene = world.scene;
@@ -202,7 +211,7 @@ fn seen(world: &World<'_>, shape: &WindowShape) -> Result<Option<Seen>, Simulati
         let states = before[before.len() - from_past..].iter().chain(&path[path.len() - from_path..]);
         let count = from_past + from_path;
         for (offset, state) in states.enumerate() {
-            rows.vehicle.push(index as u32 + 1);
+            rows.vehicle.push(number(scene, index));
             rows.frame.push((needed - count + offset) as u32);
             rows.x.push(state.position.x as f32);
             rows.y.push(state.position.y as f32);
@@ -225,7 +234,7 @@ fn seen(world: &World<'_>, shape: &WindowShape) -> Result<Option<Seen>, Simulati
     let road = Road { driving_direction: 2, lines: scene.lines.clone(), fitted: true };
     let (recording, _) = Recording::from_rows(meta, vec![road], rows, |row| bodies[row])?;
     let tracks = driven.into_iter().filter_map(|index| {
-        let own = |track: &gnp_data::Track| track.vehicle == index as u32 + 1;
+        let own = |track: &gnp_data::Track| track.vehicle == number(scene, index);
         recording.tracks().iter().position(own).map(|track| (index, track))
     });
     let tracks = tracks.collect();

@@ -63,18 +63,12 @@ impl<'a> Cast<'a> {
 /// A rule with another time gap and acceleration.
 fn spread(rule: Rule<f64>, [time, acceleration]: [f64; 2]) -> Rule<f64> {
     match rule {
-        Rule::Idm(idm) => Idm {
-            time_gap: idm.time_gap * time,
-            acceleration: idm.acceleration * acceleration,
-            ..idm
+        Rule::Idm(idm) => {
+            Idm { time_gap: idm.time_gap * time, acceleration: idm.acceleration * acceleration, ..idm }.into()
         }
-        .into(),
-        Rule::Motorway(rule) => MotorwayRule {
-            headway: rule.headway * time,
-            acceleration: rule.acceleration * acceleration,
-            ..rule
+        Rule::Motorway(rule) => {
+            MotorwayRule { headway: rule.headway * time, acceleration: rule.acceleration * acceleration, ..rule }.into()
         }
-        .into(),
         Rule::Newell(rule) => Newell { wave_time: rule.wave_time * time, ..rule }.into(),
         Rule::Published(_) => rule,
     }
