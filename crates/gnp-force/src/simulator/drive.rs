@@ -58,7 +58,7 @@ pub enum Drive<T: RealField> {
     /// vehicle comes to rest and stays there, or keeps to the highest speed.
     Accelerate(T),
     /// Given: velocities over time.
-    Follow(Arc<Profile<T>>),
+    Follow(#[cfg_attr(feature = "serde", serde(with = "shared"))] Arc<Profile<T>>),
     /// Given: the velocity stays as it is, 0 for an obstacle.
     Steady,
 }
@@ -148,5 +148,30 @@ impl<T: RealField + Copy> Drive<T> {
             Self::Follow(profile) => profile.velocity_at(time),
             _ => velocity,
         }
+    }
+}
+
+/// A profile that is shared is written as if it were not.
+#[cfg(feature = "serde")]
+mod shared {
+    use crate::Profile;
+    use nalgebra::RealField;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use std::sync::Arc;
+
+    pub(super) fn serialize<T, S>(profile: &Arc<Profile<T>>, serializer: S) -> Result<S::Ok, S::Error>
+    where
+        T: RealField + Copy + Serialize,
+        S: Serializer,
+    {
+        profile.as_ref().serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, T, D>(deserializer: D) -> Result<Arc<Profile<T>>, D::Error>
+    where
+        T: RealField + Copy + Deserialize<'de>,
+        D: Deserializer<'de>,
+    {
+        Profile::deserialize(deserializer).map(Arc::new)
     }
 }
