@@ -14,6 +14,7 @@
 //! - **The entry.** Who comes later is put in where and as he was recorded first, as soon as his place is free.
 mod build;
 mod learned;
+mod matched;
 mod sumo;
 mod systems;
 mod trace;

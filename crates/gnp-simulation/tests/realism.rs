@@ -108,6 +108,11 @@ fn fitted_drivers_are_those_of_others() {
     let drawn = RuleDrivers::new("drawn", Drivers::Drawn(fitted.clone()));
     assert!(drawn.drive(replay.scene(), 1).unwrap() != drawn.drive(replay.scene(), 2).unwrap());
     assert!(drawn.drive(replay.scene(), 1).unwrap() == drawn.drive(replay.scene(), 1).unwrap());
+    // Drivers who explain the observed seconds of a vehicle drive it better than any.
+    let matched = RuleDrivers::new("matched", Drivers::Matched(fitted.clone()));
+    let (_, rows) = scores(&[&drawn, &matched], &Replay::all(&recording, &SETTINGS).unwrap());
+    let ade = |row: &Row| row.horizons[0].ade.mean;
+    assert!(ade(&rows[2]) < 0.5 * ade(&rows[1]), "{} and {}", ade(&rows[2]), ade(&rows[1]));
     let there: Vec<u32> = replay.scene().actors.iter().map(|actor| actor.vehicle).collect();
     let themselves = fitted.into_iter().filter(|(vehicle, _)| there.contains(vehicle)).collect();
     let none = RuleDrivers::new("drawn", Drivers::Drawn(themselves)).drive(replay.scene(), 1);

@@ -104,6 +104,7 @@ fn of_site(
     let noise = traffic.noise();
     let unsteady = |driver: &Driver<f64>| DrivenBy { noise, ..DrivenBy::from(*driver) };
     let drawn: Vec<(u32, DrivenBy)> = fitted.iter().map(|(vehicle, driver)| (*vehicle, unsteady(driver))).collect();
+    let steady = fitted.iter().map(|(vehicle, driver)| (*vehicle, (*driver).into())).collect();
     let own: BTreeMap<u32, DrivenBy> = fitted.iter().map(|(vehicle, driver)| (*vehicle, (*driver).into())).collect();
     let typical = traffic.typical(gnp_data::VehicleClass::Car);
     let standard = DrivenBy::from(Driver::motorway());
@@ -114,8 +115,10 @@ fn of_site(
         RuleDrivers::new("motorway rule", Drivers::Same(DrivenBy::motorway_rule())),
         median.clone(),
         RuleDrivers::new("IDM, other drivers drawn, unsteady", Drivers::Drawn(drawn.clone())),
-        RuleDrivers::new("IDM, other drivers drawn, unsteady, MOBIL fitted", Drivers::Drawn(drawn))
+        RuleDrivers::new("IDM, others who fit the past, unsteady, MOBIL fitted", Drivers::Matched(drawn.clone()))
             .changing_lanes(changes),
+        RuleDrivers::new("IDM, others who fit the past, unsteady", Drivers::Matched(drawn.clone())),
+        RuleDrivers::new("IDM, others who fit the past", Drivers::Matched(steady)),
         RuleDrivers::new("IDM, his own driver", Drivers::Own(own, typical.into())),
     ];
     let is_a_sample = replays.iter().any(|replay| replay.scene().is_a_sample);

@@ -102,7 +102,11 @@ fn name(row: &Row) -> String {
     format!("{}{}", row.system, if row.uses_future { " \\*" } else { "" })
 }
 
+/// One scene has no interval.
 fn with_interval(estimate: &Estimate) -> String {
+    if estimate.low == estimate.high {
+        return format!("{:.2}", estimate.mean);
+    }
     format!("{:.2} ({:.2} to {:.2})", estimate.mean, estimate.low, estimate.high)
 }
 

@@ -46,6 +46,7 @@ pub(super) fn replay(
         return Err(fail(format!("it has no carriageway {road}, but {}", recording.roads().len())));
     };
     let tracks: Vec<&Track> = recording.tracks().iter().filter(|track| usize::from(track.road) == road).collect();
+    let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
     let last = tracks.iter().map(|track| track.last_frame()).max().unwrap_or(0);
     let longest = (settings.duration_s * meta.rate_hz).round().max(0.0) as u32;
     let nobody = SimulationError::NobodyToDrive { recording: meta.name.clone(), start };
@@ -61,7 +62,7 @@ pub(super) fn replay(
     let x = rows.map(|row| f64::from(recording.columns().x[row]));
     let section = x.fold([f64::INFINITY, f64::NEG_INFINITY], |[from, to], x| [from.min(x), to.max(x)]);
     let mut scene = Scene {
-        name: format!("{}:{road}:{:.1}", meta.name, f64::from(start) / meta.rate_hz),
+        name: format!("{}:{road}:{:.1}", meta.name, f64::from(start.saturating_sub(first)) / meta.rate_hz),
         dataset: meta.dataset,
         site: meta.site.clone(),
         simulated: meta.simulated,

@@ -1,9 +1,10 @@
 //! What drives on: rules with drivers of one kind or drawn, and the simplest of all.
 use super::{
     Actor, Scene, Trace,
+    matched::weights,
     world::{Decides, drive},
 };
-use crate::{chance::choice, error::SimulationError};
+use crate::{chance::uniform, error::SimulationError};
 use gnp_force::{Drive, Driver, Idm, Mobil, MotorwayRule, Noise, Rule, State, Vehicle};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -102,6 +103,9 @@ pub enum Drivers {
     Same(DrivenBy),
     /// Fitted drivers by vehicle number; every vehicle gets one of them by chance, never one of a vehicle in the scene.
     Drawn(Vec<(u32, DrivenBy)>),
+    /// As drawn, but those who would have done in the observed seconds what the vehicle did are drawn more often. Those who
+    /// come later have no past: theirs are drawn as before.
+    Matched(Vec<(u32, DrivenBy)>),
     /// Fitted drivers of the intelligent driver model by vehicle number; everybody gets, number by number, the median of
     /// those that are not in the scene.
     Median(Vec<(u32, Driver<f64>)>),
@@ -143,7 +147,7 @@ impl ClosedLoop for RuleDrivers {
         let noisy = |driver: &DrivenBy| driver.noise.is_some();
         match &self.drivers {
             Drivers::Same(driver) => noisy(driver),
-            Drivers::Drawn(_) => true,
+            Drivers::Drawn(_) | Drivers::Matched(_) => true,
             Drivers::Median(_) => false,
             Drivers::Own(drivers, other) => noisy(other) || drivers.values().any(noisy),
         }
@@ -173,14 +177,18 @@ impl RuleDrivers {
                     fitted.iter().filter(|(vehicle, _)| !there.contains(vehicle)).map(|(_, driver)| *driver).collect();
                 vec![DrivenBy::from(median(&others).ok_or_else(none)?); scene.actors.len()]
             }
-            Drivers::Drawn(fitted) => {
+            Drivers::Drawn(fitted) | Drivers::Matched(fitted) => {
                 let others: Vec<&DrivenBy> =
                     fitted.iter().filter(|(vehicle, _)| !there.contains(vehicle)).map(|(_, driver)| driver).collect();
                 if others.is_empty() {
                     return Err(none());
                 }
-                let vehicles = scene.actors.iter().map(|actor| u64::from(actor.vehicle));
-                vehicles.map(|vehicle| *others[choice(&[seed, vehicle], others.len())]).collect()
+                let matched = matches!(self.drivers, Drivers::Matched(_));
+                let drawn = scene.actors.iter().enumerate().map(|(index, actor)| {
+                    let weights = if matched { weights(scene, index, &others) } else { vec![1.0; others.len()] };
+                    *others[weighted(uniform(&[seed, u64::from(actor.vehicle)]), &weights)]
+                });
+                drawn.collect()
             }
         };
         Ok(Chosen { by_actor, lane_change: self.lane_change.filter(|_| !scene.is_a_sample) })
@@ -197,6 +205,16 @@ impl Decides for Chosen {
     fn vehicle(&mut self, scene: &Scene, index: usize, base: Vehicle<f64>) -> Vehicle<f64> {
         Vehicle { lane_change: self.lane_change, ..self.by_actor[index].drives(scene, &scene.actors[index], base) }
     }
+}
+
+/// The place of a number between 0 and 1 among weights that lie end to end.
+fn weighted(number: f64, weights: &[f64]) -> usize {
+    let mut left = number * weights.iter().sum::<f64>();
+    let found = weights.iter().position(|weight| {
+        left -= weight;
+        left <= 0.0
+    });
+    found.unwrap_or(weights.len().saturating_sub(1))
 }
 
 /// Medians, number by number.

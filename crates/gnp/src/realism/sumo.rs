@@ -32,12 +32,12 @@ pub(super) fn exchange(
         let mut missing = 0;
         for replay in replays {
             let scene = replay.scene();
-            let file = folder.join(scene.name.replace([':', '/'], "_"));
+            let file = |ending: &str| folder.join(format!("{}.{ending}", scene.name.replace([':', '/'], "_")));
             let seeds = if drivers.is_none() { &seeds[..] } else { &seeds[..1] };
             let text = serde_json::to_string(&export_sumo(scene, drivers, seeds, SPEED_LIMIT)?)?;
-            let written = file.with_extension("json");
+            let written = file("json");
             fs::write(&written, text).with_context(|| format!("cannot write {}", written.display()))?;
-            let positions = file.with_extension("csv");
+            let positions = file("csv");
             if !positions.is_file() {
                 missing += 1;
                 continue;
