@@ -6,6 +6,7 @@
 //! How real it is, says [`realism`]: a [`replay`] starts from a moment of a recording, a system drives on in closed loop, and
 //! what it makes of it is compared with what happened.
 mod chance;
+pub mod drivers;
 mod error;
 mod output;
 pub mod realism;
