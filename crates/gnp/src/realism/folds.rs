@@ -3,12 +3,14 @@ use crate::error::Result;
 use crate::run::Run;
 use gnp_data::{Forecast, Observation, PredictError, Predictor};
 use gnp_model::Gnp;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-/// Runs with the drivers, by site and number, that each was trained or chosen on.
+/// Runs, each with the drivers, by site and number, that it was trained or chosen on, and the recordings in which it was.
 pub(super) struct Folds {
-    models: Vec<(Gnp, BTreeSet<(String, u32)>)>,
+    models: Vec<(Gnp, Seen)>,
 }
+
+type Seen = BTreeMap<(String, u32), BTreeSet<String>>;
 
 impl Folds {
     /// The models of runs.
@@ -20,14 +22,25 @@ impl Folds {
         for run in runs {
             let set = run.windows()?;
             let split = run.split(&set)?;
-            let windows = split.train().iter().chain(split.validation()).filter_map(|id| set.get(*id));
-            let seen = windows.map(|window| {
+            let mut seen = Seen::new();
+            for window in split.train().iter().chain(split.validation()).filter_map(|id| set.get(*id)) {
                 let observation = window.observation();
-                (observation.site().to_owned(), observation.vehicle())
-            });
-            models.push((run.model()?, seen.collect()));
+                let driver = (observation.site().to_owned(), observation.vehicle());
+                seen.entry(driver).or_default().insert(observation.recording_name().to_owned());
+            }
+            models.push((run.model()?, seen));
         }
         Ok(Self { models })
+    }
+
+    /// A run that was not trained on the driver; of one who is in scenes of all folds, one that was not trained on this scene.
+    fn model(&self, observation: &Observation<'_>) -> Option<usize> {
+        let driver = (observation.site().to_owned(), observation.vehicle());
+        let scene = observation.recording_name();
+        let recording = scene.rsplitn(3, ':').last().unwrap_or(scene);
+        let unseen = self.models.iter().position(|(_, seen)| !seen.contains_key(&driver));
+        let elsewhere = |(_, seen): &(Gnp, Seen)| seen.get(&driver).is_some_and(|scenes| !scenes.contains(recording));
+        unseen.or_else(|| self.models.iter().position(elsewhere))
     }
 }
 
@@ -40,10 +53,10 @@ impl Predictor for Folds {
         let mut forecasts = vec![Forecast::default(); observations.len()];
         let mut by_model: Vec<Vec<usize>> = vec![Vec::new(); self.models.len()];
         for (place, observation) in observations.iter().enumerate() {
-            let key = (observation.site().to_owned(), observation.vehicle());
-            let Some(model) = self.models.iter().position(|(_, seen)| !seen.contains(&key)) else {
+            let Some(model) = self.model(observation) else {
+                let (vehicle, scene) = (observation.vehicle(), observation.recording_name());
                 let problem =
-                    format!("every run was trained on vehicle {} of {}; give runs of other folds", key.1, key.0);
+                    format!("every run was trained on vehicle {vehicle} of {scene}; give runs of other folds");
                 return Err(PredictError::Model { model: self.name().to_owned(), source: problem.into() });
             };
             by_model[model].push(place);
