@@ -101,6 +101,8 @@ pub struct Actor {
     /// States in the frames before and at the start, without a gap; the last is that of the start. Of those who come later,
     /// their first state alone.
     pub past: Vec<State<f64>>,
+    /// Whether the file has rows of it; not so for leaders that others' rows name.
+    pub has_rows: bool,
     /// Its motion from `enters` on, a state a frame, for one that is moved as recorded; gone after the last.
     pub motion: Option<Vec<State<f64>>>,
 }

@@ -166,7 +166,8 @@ impl Source<'_> {
             past.push(start);
             let enters = (from - self.start) as usize;
             let size = [track.length, track.width];
-            actors.push(Actor { vehicle: track.vehicle, size, class: track.class, enters, start, past, motion: None });
+            let (vehicle, class) = (track.vehicle, track.class);
+            actors.push(Actor { vehicle, size, class, enters, start, past, has_rows: true, motion: None });
             paths.push(Path { first: enters, states });
         }
         (actors, paths)
@@ -226,7 +227,7 @@ impl Source<'_> {
         let start = *motion.first()?;
         let path = Path { first: enters, states: motion.clone() };
         let (size, class) = (NAMED_LEADER_SIZE, VehicleClass::Car);
-        Some((Actor { vehicle, size, class, enters, start, past, motion: Some(motion) }, path))
+        Some((Actor { vehicle, size, class, enters, start, past, has_rows: false, motion: Some(motion) }, path))
     }
 
     /// The state in a frame, with nothing in it from a later one but in a track's first, whose velocity no earlier one tells.

@@ -5,8 +5,8 @@ use super::{
 };
 use crate::{chance::uniform, error::SimulationError};
 use gnp_data::{
-    Forecast, Mode, NeighbourSource, Observation, Predictor, Recording, RecordingMeta, Road, Rows, VehicleBody,
-    VelocitySource, WindowShape,
+    Forecast, Mode, NamedLeader, NeighbourSource, Observation, Predictor, Recording, RecordingMeta, Road, Rows,
+    VehicleBody, VelocitySource, WindowShape,
 };
 use gnp_force::{State, Vehicle};
 
@@ -200,34 +200,36 @@ fn seen(world: &World<'_>, shape: &WindowShape) -> Result<Option<Seen>, Simulati
     let mut velocity = [Vec::new(), Vec::new()];
     let mut bodies = Vec::new();
     let mut driven = Vec::new();
+    let mut named = Vec::new();
     let lanes = scene.lines.len().saturating_sub(1);
+    let spans: Vec<Vec<State<f64>>> = (0..scene.actors.len()).map(|index| span(world, index, needed)).collect();
     for (index, actor) in scene.actors.iter().enumerate().filter(|(index, _)| world.is_there(*index)) {
-        let path = &world.path(index).states;
-        let before = actor.past.split_last().map_or(&[][..], |(_, before)| before);
-        let came_in_time = world.path(index).first == actor.enters;
-        let before = if came_in_time { before } else { &[] };
-        let from_path = path.len().min(needed);
-        let from_past = (needed - from_path).min(before.len());
-        let states = before[before.len() - from_past..].iter().chain(&path[path.len() - from_path..]);
-        let count = from_past + from_path;
-        for (offset, state) in states.enumerate() {
+        // A leader that only rows of others name is seen by them alone, as in the file.
+        if !actor.has_rows {
+            continue;
+        }
+        let states = &spans[index];
+        let count = states.len();
+        for (offset, state) in states.iter().enumerate() {
             rows.vehicle.push(number(scene, index));
             rows.frame.push((needed - count + offset) as u32);
             rows.x.push(state.position.x as f32);
             rows.y.push(state.position.y as f32);
+            named.push(named_leader(scene, &spans, index, count - offset));
             rows.lane.push((lanes - scene.lane_at(state.position.y)) as i16);
             velocity[0].push(state.velocity.x as f32);
             velocity[1].push(state.velocity.y as f32);
             let [length, width] = actor.size;
             bodies.push(VehicleBody { class: actor.class, length, width, road: 0 });
         }
-        if actor.is_driven() && path.last().is_some_and(|now| now.position.x <= scene.section[1]) {
+        if actor.is_driven() && states.last().is_some_and(|now| now.position.x <= scene.section[1]) {
             driven.push(index);
         }
     }
     if driven.is_empty() {
         return Ok(None);
     }
+    rows.leader = scene.is_a_sample.then_some(named);
     rows.neighbours = NeighbourSource::Lanes(|lane| lane);
     rows.velocity = (scene.velocities == VelocitySource::Recorded).then_some(velocity);
     let meta = RecordingMeta::new(scene.dataset, &scene.site, &scene.name, scene.rate_hz);
@@ -239,4 +241,33 @@ fn seen(world: &World<'_>, shape: &WindowShape) -> Result<Option<Seen>, Simulati
     });
     let tracks = tracks.collect();
     Ok(Some((recording, tracks)))
+}
+
+/// The last states of an actor without a gap, before the start as recorded, at most `needed`; none of one who is not there.
+fn span(world: &World<'_>, index: usize, needed: usize) -> Vec<State<f64>> {
+    if !world.is_there(index) {
+        return Vec::new();
+    }
+    let (actor, path) = (&world.scene.actors[index], world.path(index));
+    let before = actor.past.split_last().map_or(&[][..], |(_, before)| before);
+    let before = if path.first == actor.enters { before } else { &[] };
+    let from_path = path.states.len().min(needed);
+    let from_past = (needed - from_path).min(before.len());
+    let past = &before[before.len() - from_past..];
+    [past, &path.states[path.states.len() - from_path..]].concat()
+}
+
+/// What the row of an actor says of a leader without rows, `back` states before the last, counted from 1; nothing where the
+/// next in the lane has rows.
+fn named_leader(scene: &Scene, spans: &[Vec<State<f64>>], index: usize, back: usize) -> NamedLeader {
+    let then = |index: usize| spans[index].len().checked_sub(back).map(|place| spans[index][place].position);
+    let Some(me) = then(index) else { return NamedLeader::default() };
+    let lane = scene.lane_at(me.y);
+    let others = (0..spans.len()).filter(|other| *other != index).filter_map(|other| Some((other, then(other)?)));
+    let ahead = others.filter(|(_, place)| place.x > me.x && scene.lane_at(place.y) == lane);
+    let next = ahead.min_by(|a, b| a.1.x.total_cmp(&b.1.x)).filter(|(other, _)| !scene.actors[*other].has_rows);
+    next.map_or_else(NamedLeader::default, |(other, place)| {
+        let lengths = f64::from(scene.actors[other].size[0] - scene.actors[index].size[0]);
+        NamedLeader { vehicle: number(scene, other), headway: (place.x - me.x + lengths / 2.0) as f32 }
+    })
 }
