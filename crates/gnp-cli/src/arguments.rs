@@ -108,6 +108,24 @@ Example:
 
 One file that needs no network: open runs/ngsim/report.html in a browser.")]
     Report(ReportArgs),
+    /// Drive a scene: traffic by a file that says road, drivers and demand; measure and draw what happens.
+    #[command(after_help = "\
+Examples:
+  gnp simulate ring                            a scene that comes with the program: ring, lane-drop, motorway
+  gnp simulate --print lane-drop > my.toml     a scene to start from
+  gnp simulate my.toml --out runs/my --seed 1 --seed 2 --fcd
+
+Writes to --out the scene, tracks.parquet, happenings.csv, detectors.csv, cells.csv, conflicts.csv, summary.json, figures
+and report.html with a player; with --fcd SUMO's floating car data. The same scene and seed give the same files.")]
+    Simulate(SimulateArgs),
+    /// Measure recordings as traffic engineers do: flow, density, waves, conflicts, lane changes, distributions.
+    #[command(after_help = "\
+Examples:
+  gnp measure --dataset ngsim
+  gnp measure --dataset highd --data-dir D --out measured
+
+Writes a folder for each recording, with the same tables, figures and page as `simulate`.")]
+    Measure(MeasureArgs),
     /// Write the minute of the scene player as a file for the Rerun viewer; needs a build with the feature `rerun`.
     #[command(after_help = "\
 Example:
@@ -303,6 +321,46 @@ pub struct ExplainArgs {
     /// Print JSON, with every step, instead of the table.
     #[arg(long)]
     pub(crate) json: bool,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to simulate.
+#[derive(Clone, Debug, Args)]
+pub struct SimulateArgs {
+    /// A scene file, or the name of a scene that comes with the program.
+    #[arg(value_name = "SCENE", required_unless_present = "print")]
+    pub(crate) scene: Option<String>,
+    /// Folder to write [default: runs/ and the name of the scene]; files there are replaced.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// From which chance comes; repeatable [default: those of the scene].
+    #[arg(long, value_name = "NUMBER")]
+    pub(crate) seed: Vec<u64>,
+    /// Write SUMO's floating car data as well, fcd.xml, which is large.
+    #[arg(long)]
+    pub(crate) fcd: bool,
+    /// Print a scene that comes with the program, and do nothing else.
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["scene", "out", "seed", "fcd"])]
+    pub(crate) print: Option<String>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// What to measure.
+#[derive(Clone, Debug, Args)]
+pub struct MeasureArgs {
+    /// Kind of data.
+    #[arg(long, value_parser = dataset, value_name = "NAME")]
+    pub(crate) dataset: Dataset,
+    /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// Folder to write [default: runs/measured-NAME]; files there are replaced.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

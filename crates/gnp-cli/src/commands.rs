@@ -7,15 +7,16 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Change, Machine, Plan, PredictionsOn, Progress as _, Question, Recipes, Run, RunConfig, Scores, Stage, memory,
+    Change, Machine, Measured, Plan, PredictionsOn, Progress as _, Question, Recipes, Run, RunConfig, Scene, Scores,
+    Simulation, Stage, memory,
     score_predictions, score_recordings,
 };
 use gnp_data::FORMATS;
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, CompareArgs, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, PipelineArgs, ReplayArgs, ReportArgs,
-    RunArgs, StageArgs, TableArgs, TrainArgs,
+    Command, CompareArgs, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, ReplayArgs,
+    ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
 use crate::names::Place;
 use crate::program::Program;
@@ -38,6 +39,8 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
         }
         Command::Figures(args) => figures(args, program),
         Command::Explain(args) => explain(args, program),
+        Command::Simulate(args) => simulate(args, program),
+        Command::Measure(args) => measure(args, program),
         Command::Report(args) => report(args, program),
         Command::Replay(args) => replay(args, program),
     }
@@ -68,6 +71,8 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
             table("compare", &args.table, recipes.into_iter().chain(seeds).chain(published).collect())
         }
         Command::Ablate(args) => table("ablate", args, String::new()),
+        // Done again from the start, which takes seconds.
+        Command::Simulate(_) | Command::Measure(_) => None,
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
     }
 }
@@ -237,6 +242,40 @@ fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
     }
     machine.progress.note(&format!("{} figures, each as SVG and PNG: {}", figures.len(), out.display()));
     Ok(())
+}
+
+fn simulate(args: &SimulateArgs, program: &Program) -> Result<()> {
+    if let Some(name) = &args.print {
+        let Some((_, text)) = Scene::EMBEDDED.iter().find(|(known, _)| known == name) else {
+            let names: Vec<&str> = Scene::EMBEDDED.iter().map(|(known, _)| *known).collect();
+            bail!("there is no scene {name}; there are {}", names.join(", "));
+        };
+        // A closed pipe is no reason to fail.
+        let _ = io::stdout().lock().write_all(text.as_bytes());
+        return Ok(());
+    }
+    let machine = crate::machine(&args.machine, program)?;
+    let Some(of) = &args.scene else { bail!("name a scene, such as `gnp simulate ring`") };
+    let scene = gnp::scene(of)?;
+    let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(&scene.name));
+    let simulation = Simulation { scene, seeds: args.seed.clone(), out, fcd: args.fcd };
+    tell(&gnp::simulate(&simulation, &machine)?, &machine);
+    Ok(())
+}
+
+fn measure(args: &MeasureArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let config = RunConfig::embedded(args.dataset.as_str(), &[])?;
+    let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("measured-{}", args.dataset)));
+    tell(&gnp::measure(&config, args.data_dir.as_deref(), &out, &machine)?, &machine);
+    Ok(())
+}
+
+fn tell(measured: &[Measured], machine: &Machine) {
+    for one in measured {
+        machine.progress.result(&one.text);
+        machine.progress.note(&format!("tables, figures and report.html: {}", one.out.display()));
+    }
 }
 
 fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {

@@ -81,6 +81,29 @@ pub fn separation<T: RealField + Copy>(r: Vector2<T>, vehicle: Extent<T>, neighb
     Separation { distance, normal, ahead, beside }
 }
 
+impl<T: RealField + Copy> Separation<T> {
+    /// Gradient with respect to `r`, of which this is the [`separation`], from those with respect to its parts.
+    ///
+    /// Where the distance has a kink (a corner seen from inside, an edge between face and corner) it is that of one side.
+    #[inline]
+    pub(crate) fn vjp(&self, r: Vector2<T>, cotangent: &Self) -> Vector2<T> {
+        let mut d = self.normal * cotangent.distance;
+        if self.ahead > T::zero() && self.beside > T::zero() {
+            // Only at a corner does the normal turn with the position.
+            let along = self.normal.dot(&cotangent.normal);
+            d += (cotangent.normal - self.normal * along) / self.distance;
+        }
+        d + Vector2::new(sign(r.x) * cotangent.ahead, sign(r.y) * cotangent.beside)
+    }
+
+    /// All parts 0, for a gradient to be added up in.
+    #[inline]
+    pub(crate) fn zeros() -> Self {
+        let zero = T::zero();
+        Self { distance: zero, normal: Vector2::zeros(), ahead: zero, beside: zero }
+    }
+}
+
 /// -1, 0 or 1.
 #[inline]
 fn sign<T: RealField + Copy>(value: T) -> T {

@@ -4,6 +4,9 @@
 //! - [`semi_implicit_euler`]: `v' = v + a dt`, `p' = p + v' dt`. The published code; order 1, and the one to take by
 //!   default: with `tau = time_left = dt` it ends exactly on the goal.
 //! - [`runge_kutta4`]: order 4, four evaluations a step. A yardstick for the step size of the other two.
+mod adjoint;
+
+pub use self::adjoint::{Accelerations, RecordedStep};
 use crate::{scalar::lit, state::State};
 use nalgebra::{RealField, Vector2};
 

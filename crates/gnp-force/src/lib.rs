@@ -37,11 +37,16 @@
 //! Traffic that mostly follows the vehicle ahead: the intelligent driver model, as two terms ([`FreeRoad`],
 //! [`CarFollowing`]), as functions of a [`Driver`], and as the roll-out of a [`Platoon`].
 //!
-//! Many vehicles at once: [`Simulator`]. Whole programs: `examples/car_following.rs`, `cut_in.rs`,
-//! `lane_change_past_truck.rs`, `motorway_section.rs`,
-//! `platoon.rs`.
+//! Many vehicles at once: [`Simulator`]. Drivers follow a [`PairRule`], of this crate ([`MotorwayRule`], [`Idm`], [`Newell`],
+//! [`Published`]) or one's own, within the [`Limits`] of their vehicles, change lanes by [`Mobil`], and may be unsteady
+//! ([`Noise`]). Roads may end, close to a ring and have closed lanes ([`Road`]); vehicles enter by an [`Inflow`] and pass a
+//! [`Detector`]; what happens are [`Event`]s. Gradients of all that: [`Simulator::step_vjp`], [`RollOut`].
 //!
-//! The `serde` feature makes states, parameters, roads and vehicles readable and writable.
+//! Whole programs: `examples/calibrate.rs`, `car_following.rs`, `cut_in.rs`, `hour.rs`, `lane_change_past_truck.rs`,
+//! `lane_drop.rs`, `motorway_section.rs`, `platoon.rs`, `ring.rs`.
+//!
+//! The `serde` feature makes states, parameters, roads, vehicles and whole simulators readable and writable, the `parallel`
+//! feature steps large scenes on several threads with the same bits.
 mod boxes;
 mod car_following;
 mod driver;
@@ -69,19 +74,25 @@ pub use crate::{
     error::ForceError,
     field::{Attraction, FieldVjp, ForceField, Forces, Line, Neighbour},
     goal::{GoalAttraction, GoalForceVjp, MIN_TIME, goal_dissipation, goal_force, goal_force_vjp, goal_potential},
-    integrator::{Integrator, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler},
+    integrator::{
+        Accelerations, Integrator, RecordedStep, Workspace, explicit_euler, runge_kutta4, semi_implicit_euler,
+    },
     line::{
         BOUNDARY_CAP, CENTRE_CUTOFF, LineForceVjp, LineRepulsion, MarkingKind, Side, line_force, line_force_vjp,
         line_potential,
     },
     platoon::{Follower, Platoon},
     road::{Closure, Road},
-    rule::{Ego, Idm, Limits, MotorwayRule, Newell, Other, PATH_MARGIN, PairRule, Place, Published, Reach, Rule},
-    simulator::{
-        AfterGoal, Detector, Drive, Event, ForceBreakdown, Gap, Headways, Inflow, Mobil, Noise, Obstacle, Passage,
-        Profile, Simulator, SimulatorParams, Steering, Surroundings, Vehicle, VehicleId,
+    rule::{
+        DifferentiableRule, Ego, EgoGradient, Idm, Limits, MotorwayRule, Newell, Other, PATH_MARGIN, PairRule, Place,
+        Published, PushGradient, Reach, Rule,
     },
-    state::State,
+    simulator::{
+        AfterGoal, Detector, Drive, Event, ForceBreakdown, Gap, Given, Headways, Inflow, Mobil, Noise, Obstacle,
+        Passage, Profile, RollOut, RollOutGradient, SceneGradient, Simulator, SimulatorParams, Steering, Surroundings,
+        Undisturbed, Vehicle, VehicleGradient, VehicleId,
+    },
+    state::{State, StateGradient},
     term::{Arity, ForceTerm, Source, TermDescriptor, TermParameter, TermVjp, term, terms},
     vehicle::{SOFTENING, VehicleForceVjp, VehicleRepulsion, vehicle_force, vehicle_force_vjp, vehicle_potential},
 };

@@ -9,11 +9,19 @@
 //! [`DifferentiableRule`].
 mod any;
 mod following;
+mod gradient;
 mod motorway;
 mod newell;
 mod published;
 
-pub use self::{any::Rule, following::Idm, motorway::MotorwayRule, newell::Newell, published::Published};
+pub use self::{
+    any::Rule,
+    following::Idm,
+    gradient::{DifferentiableRule, EgoGradient, PushGradient},
+    motorway::MotorwayRule,
+    newell::Newell,
+    published::Published,
+};
 use crate::{
     boxes::{Extent, Separation, separation},
     error::{ForceError, require_positive},

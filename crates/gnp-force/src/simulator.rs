@@ -1,4 +1,5 @@
 //! Many vehicles rolled out together.
+mod adjoint;
 mod contacts;
 mod detector;
 mod drive;
@@ -15,8 +16,8 @@ mod saved;
 mod step;
 mod vehicle;
 
-use self::{contacts::Contacts, order::LaneOrder};
 pub use self::{
+    adjoint::{Given, RollOut, RollOutGradient, SceneGradient, Undisturbed, VehicleGradient},
     detector::{Detector, Passage},
     drive::{AfterGoal, Drive},
     forces::{ForceBreakdown, Obstacle},
@@ -29,6 +30,7 @@ pub use self::{
     step::Event,
     vehicle::Vehicle,
 };
+use self::{contacts::Contacts, order::LaneOrder};
 use crate::{
     error::{ForceError, require},
     integrator::Workspace,
@@ -252,7 +254,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let index = self.index(id)?;
         self.fastest = self.fastest.max(drive.fastest());
         self.vehicles[index].drive = drive;
-        self.order.touched(index, &self.vehicles, &self.road);
+        self.order.aimed(index, &self.vehicles, &self.road);
         Ok(())
     }
 

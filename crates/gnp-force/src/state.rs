@@ -24,3 +24,29 @@ impl<T: RealField + Copy> State<T> {
         self.position.iter().chain(self.velocity.iter()).all(|value| value.is_finite())
     }
 }
+
+/// Gradient of a number with respect to a [`State`], per m and per m/s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StateGradient<T: RealField> {
+    /// With respect to the position.
+    pub position: Vector2<T>,
+    /// With respect to the velocity.
+    pub velocity: Vector2<T>,
+}
+
+impl<T: RealField + Copy> StateGradient<T> {
+    /// That of a number which does not depend on the state.
+    #[inline]
+    #[must_use]
+    pub fn zeros() -> Self {
+        Self { position: Vector2::zeros(), velocity: Vector2::zeros() }
+    }
+}
+
+impl<T: RealField + Copy> std::ops::AddAssign for StateGradient<T> {
+    #[inline]
+    fn add_assign(&mut self, other: Self) {
+        self.position += other.position;
+        self.velocity += other.velocity;
+    }
+}

@@ -32,7 +32,7 @@ fn smallest_gap(params: SimulatorParams<f64>, leader: Vehicle<f64>, follower: Ve
 
 #[test]
 fn closing_vehicles_do_not_touch_in_the_documented_range() {
-    // The range in the documentation of `MotorwayRule`: braking with grip - acceleration must do.
+    // The range in the documentation of `MotorwayRule`: braking with the limit less the acceleration must do.
     for dt in [0.04, 0.1, 0.2] {
         let params = SimulatorParams::motorway(dt);
         let rule = MotorwayRule::<f64>::standard();

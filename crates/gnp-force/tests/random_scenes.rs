@@ -144,7 +144,8 @@ fn an_explanation_adds_up_to_the_motion() {
         scene.step();
         for (id, velocity, force) in before {
             let Some(vehicle) = scene.vehicle(id) else { continue };
-            let stopped = vehicle.state.velocity.x == 0.0 && !matches!(vehicle.drive, Drive::Steady);
+            // Cruising vehicles are not pushed backwards, those that roll backwards not faster.
+            let stopped = vehicle.state.velocity.x == velocity.x.min(0.0) && !matches!(vehicle.drive, Drive::Steady);
             let expected = velocity + force * dt;
             let difference = vehicle.state.velocity - expected;
             let share = if stopped { Vector2::new(0.0, difference.y) } else { difference };

@@ -33,7 +33,9 @@ pub struct SpaceTime {
 /// Vehicles as lines coloured by speed, slopes are speeds; forecasts dark red on top.
 #[must_use]
 pub fn space_time(lane: &SpaceTime, source: &Source) -> Figure {
-    let mut sheet = Sheet::new("time-space", "Time and space in one lane, with forecasts");
+    let forecast = !lane.forecasts.is_empty();
+    let title = if forecast { "Time and space in one lane, with forecasts" } else { "Time and space in one lane" };
+    let mut sheet = Sheet::new("time-space", title);
     sheet.note(&lane.title);
     let all = || lane.traces.iter().flat_map(|t| &t.points).chain(lane.forecasts.iter().flat_map(|f| &f.points));
     let range =
@@ -69,11 +71,13 @@ pub fn space_time(lane: &SpaceTime, source: &Source) -> Figure {
     }
     sheet.svg.end();
     sheet.y += 4. + 250. + 30.;
-    legend(&mut sheet, slowest, fastest);
-    let caption = "Every vehicle of one lane as a line over time, steep where it is fast, coloured by speed; dark red, \
-                   from a dot at the last observed frame, the prediction. Lines that begin or end inside are \
-                   lane changes or the ends of tracks.";
-    sheet.finish(caption, source)
+    legend(&mut sheet, slowest, fastest, forecast);
+    let prediction = if forecast { "; dark red, from a dot at the last observed frame, the prediction" } else { "" };
+    let caption = format!(
+        "Vehicles of one lane as lines over time, steep where they are fast, coloured by speed{prediction}. Lines that \
+         begin or end inside are lane changes or the ends of tracks."
+    );
+    sheet.finish(&caption, source)
 }
 
 fn speed(pair: &[[f64; 2]]) -> Option<f64> {
@@ -81,7 +85,7 @@ fn speed(pair: &[[f64; 2]]) -> Option<f64> {
     (b[0] > a[0]).then(|| (b[1] - a[1]) / (b[0] - a[0]))
 }
 
-fn legend(sheet: &mut Sheet, slowest: f64, fastest: f64) {
+fn legend(sheet: &mut Sheet, slowest: f64, fastest: f64, forecast: bool) {
     let small = format!("font-size=\"9\" fill=\"{INK}\"");
     let mut legend = Legend::under(sheet.y);
     let [x, y] = legend.place(109., "00 m/s");
@@ -91,9 +95,11 @@ fn legend(sheet: &mut Sheet, slowest: f64, fastest: f64) {
         sheet.svg.rect(x + 16. + 8. * f64::from(i), y - 7., 8.2, 8., &format!("fill=\"{colour}\""));
     }
     sheet.svg.text([x + 109., y], &format!("{fastest:.0} m/s"), &small);
-    let [x, y] = legend.place(29., "prediction");
-    sheet.svg.line([x, y - 3.], [x + 24., y - 3.], &format!("stroke=\"{BEST}\" stroke-width=\"1.7\""));
-    sheet.svg.circle([x, y - 3.], 2.2, &format!("fill=\"{BEST}\""));
-    sheet.svg.text([x + 29., y], "prediction", &small);
+    if forecast {
+        let [x, y] = legend.place(29., "prediction");
+        sheet.svg.line([x, y - 3.], [x + 24., y - 3.], &format!("stroke=\"{BEST}\" stroke-width=\"1.7\""));
+        sheet.svg.circle([x, y - 3.], 2.2, &format!("fill=\"{BEST}\""));
+        sheet.svg.text([x + 29., y], "prediction", &small);
+    }
     sheet.y = legend.bottom();
 }

@@ -70,6 +70,17 @@ pub enum SimulationError {
         /// What is wrong with it.
         reason: String,
     },
+    /// Fitted drivers cannot be used.
+    #[error(transparent)]
+    Drivers(#[from] crate::drivers::DriverError),
+    /// A file could not be read.
+    #[error("cannot read {path}: {source}")]
+    Read {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
     /// A file could not be written.
     #[error("cannot write {path}: {source}")]
     Write {

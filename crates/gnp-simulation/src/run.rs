@@ -12,6 +12,8 @@ use gnp_force::{Drive, Event, Inflow, Obstacle, Road, Simulator, SimulatorParams
 use serde::Serialize;
 use std::{collections::BTreeMap, ops::ControlFlow};
 
+/// Least gap between vehicles at the start, m.
+const LEAST_GAP_M: f64 = 0.5;
 /// Time between looks at the speed limits, s.
 const LOOK_S: f64 = 0.5;
 
@@ -56,6 +58,17 @@ pub enum Kind {
     Contact,
     /// A vehicle changed lanes.
     LaneChange,
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Entered => "entered",
+            Self::Left => "left",
+            Self::Contact => "contact",
+            Self::LaneChange => "lane_change",
+        })
+    }
 }
 
 /// How many vehicles, and what they did; from the start on, the warm-up included.
@@ -169,30 +182,41 @@ impl<'a> Traffic<'a> {
         Ok(traffic)
     }
 
-    /// Puts the vehicles of the start on the road, lane by lane.
+    /// Puts the vehicles of the start on the road, lane by lane, with equal gaps between bumpers.
     fn start(&mut self) -> Result<(), SimulationError> {
         let Some(start) = self.spec.start else { return Ok(()) };
-        let lanes = self.spec.road.lanes;
-        for number in 0..start.vehicles {
-            let (lane, place) = (number % lanes, number / lanes);
-            let in_lane = (start.vehicles - lane).div_ceil(lanes);
-            let mut x = self.spec.road.length_m * place as f64 / in_lane as f64;
-            if number == 0 {
-                x += start.first_off_m;
-            }
+        let (lanes, length) = (self.spec.road.lanes, self.spec.road.length_m);
+        for lane in 0..lanes {
             let Some(y) = self.scene.road().lane_centre(lane) else { continue };
-            let vehicle = self.cast.vehicle(lane, number as u64, State::new(x, y, start.speed_mps, 0.0));
-            self.note_wish(&vehicle.drive, None);
-            let drive = vehicle.drive.clone();
-            let id = self.scene.add(vehicle)?;
-            self.note_wish(&drive, Some(id));
-            self.counts.started += 1;
+            let state = State::new(0.0, y, start.speed_mps, 0.0);
+            let numbers = (lane..start.vehicles).step_by(lanes);
+            let vehicles: Vec<_> = numbers.map(|number| self.cast.vehicle(lane, number as u64, state)).collect();
+            let taken: f64 = vehicles.iter().map(|vehicle| vehicle.extent.length).sum();
+            let gap = (length - taken) / vehicles.len().max(1) as f64;
+            if gap < LEAST_GAP_M {
+                return Err(SimulationError::Scene {
+                    key: "start.vehicles".to_owned(),
+                    value: start.vehicles.to_string(),
+                    must: format!("fewer: lane {lane} has {length} m, its vehicles are {taken:.0} m long"),
+                });
+            }
+            let mut front = 0.0;
+            for (place, mut vehicle) in vehicles.into_iter().enumerate() {
+                let half = vehicle.extent.length / 2.0;
+                let off = if lane == 0 && place == 0 { start.first_off_m.clamp(-gap / 2.0, gap / 2.0) } else { 0.0 };
+                vehicle.state.position.x = front + half + off;
+                front += 2.0 * half + gap;
+                let drive = vehicle.drive.clone();
+                let id = self.scene.add(vehicle)?;
+                self.note_wish(&drive, id);
+                self.counts.started += 1;
+            }
         }
         Ok(())
     }
 
-    fn note_wish(&mut self, drive: &Drive<f64>, id: Option<VehicleId>) {
-        if let (Drive::Cruise { speed, .. }, Some(id)) = (drive, id) {
+    fn note_wish(&mut self, drive: &Drive<f64>, id: VehicleId) {
+        if let Drive::Cruise { speed, .. } = drive {
             self.wishes.insert(id, *speed);
         }
     }
@@ -218,7 +242,7 @@ impl<'a> Traffic<'a> {
             let Some(id) = self.scene.admit(&mut self.inflows[lane], make)? else { continue };
             let drive = self.scene.vehicle(id).map(|vehicle| vehicle.drive.clone());
             if let Some(drive) = drive {
-                self.note_wish(&drive, Some(id));
+                self.note_wish(&drive, id);
             }
             self.counts.entered += 1;
             self.note(time, Kind::Entered, id, None, None);

@@ -134,8 +134,9 @@ pub struct DriverSpec {
     /// Lanes in which it enters; all without.
     #[serde(default)]
     pub lanes: Option<Vec<usize>>,
-    /// Site whose fitted drivers are drawn, whole: sizes, desired speeds, rules and unsteadiness; then only `lane_change`
-    /// beside it counts.
+    /// Site whose fitted drivers are drawn, whole: `us-101`, `i-80`, `highd-simulated`, or a file of such drivers. Sizes,
+    /// desired speeds, rules and unsteadiness are theirs; of what stands beside it only `share`, `lanes` and `lane_change`
+    /// count.
     #[serde(default)]
     pub fitted: Option<String>,
     /// Length, m.
@@ -205,7 +206,7 @@ pub struct InflowSpec {
     pub headways: Headways,
 }
 
-/// Who is there at the start: vehicles at equal distances, lane by lane.
+/// Who is there at the start: vehicles with equal gaps, lane by lane.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartSpec {
@@ -213,7 +214,7 @@ pub struct StartSpec {
     pub vehicles: usize,
     /// Their speed, m/s.
     pub speed_mps: f64,
-    /// How far the first stands from its even place, m: a disturbance.
+    /// How far the first stands from its even place, m, at most half a gap: a disturbance.
     #[serde(default)]
     pub first_off_m: f64,
 }
@@ -282,6 +283,13 @@ impl Scene {
         }
         require(!self.drivers.is_empty(), "drivers", "empty", "one kind of driver or more")?;
         self.drivers.iter().try_for_each(|drivers| self.check_drivers(drivers))?;
+        for lane in 0..road.lanes {
+            let enters = |kind: &DriverSpec| {
+                kind.share > 0.0 && kind.lanes.as_ref().is_none_or(|lanes| lanes.contains(&lane))
+            };
+            let somebody = self.drivers.iter().any(enters);
+            require(somebody, "drivers.lanes", format!("no kind for lane {lane}"), "one kind or more for every lane")?;
+        }
         if self.inflow.is_none() && self.start.is_none() {
             return require(false, "inflow", "absent, as is `start`", "there, or nobody ever drives");
         }

@@ -72,6 +72,12 @@ pub enum Error {
     /// The trained model.
     #[error(transparent)]
     Model(#[from] gnp_model::ModelError),
+    /// A simulation.
+    #[error(transparent)]
+    Simulation(#[from] gnp_simulation::SimulationError),
+    /// What is measured of traffic.
+    #[error(transparent)]
+    Measure(#[from] gnp_measures::MeasureError),
     /// A training.
     #[error(transparent)]
     Train(#[from] gnp_train::TrainError),

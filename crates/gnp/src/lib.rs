@@ -47,6 +47,7 @@ mod run;
 mod stages;
 mod tables;
 pub mod text;
+mod traffic;
 
 pub use crate::config::{DataConfig, GoalSection, PathSection, PredictConfig, RunConfig, Setting};
 pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder};
@@ -63,6 +64,8 @@ pub use crate::run::Run;
 pub use crate::run::folder::{DataState, RunState, Stage};
 pub use crate::stages::Plan;
 pub use crate::tables::{Recipes, ablate, compare};
+pub use crate::traffic::{Measured, Simulation, measure, scene, simulate};
+pub use gnp_simulation::Scene;
 
 /// The programs of docs/extending.md are compiled and run with the documentation tests.
 #[cfg(doctest)]

@@ -1,5 +1,7 @@
 //! Any of the rules, for scenes with drivers of different kinds.
-use super::{Ego, Idm, MotorwayRule, Newell, Other, PairRule, Published, Reach};
+use super::{
+    DifferentiableRule, Ego, EgoGradient, Idm, MotorwayRule, Newell, Other, PairRule, Published, PushGradient, Reach,
+};
 use crate::error::ForceError;
 use nalgebra::{RealField, Vector2};
 
@@ -46,6 +48,31 @@ impl<T: RealField + Copy> PairRule<T> for Rule<T> {
 
     fn check(&self) -> Result<(), ForceError> {
         each!(self, rule => PairRule::<T>::check(rule))
+    }
+}
+
+/// Names and number of parameters are those of the rule that it is.
+impl<T: RealField + Copy> DifferentiableRule<T> for Rule<T> {
+    fn names(&self) -> &'static [&'static str] {
+        each!(self, rule => DifferentiableRule::<T>::names(rule))
+    }
+
+    fn parameters(&self) -> Vec<T> {
+        each!(self, rule => rule.parameters())
+    }
+
+    fn with_parameters(&self, parameters: &[T]) -> Result<Self, ForceError> {
+        each!(self, rule => rule.with_parameters(parameters).map(Self::from))
+    }
+
+    #[inline]
+    fn free_vjp(&self, me: &Ego<T>, cotangent: T, d: &mut [T]) -> EgoGradient<T> {
+        each!(self, rule => rule.free_vjp(me, cotangent, d))
+    }
+
+    #[inline]
+    fn push_vjp(&self, me: &Ego<T>, other: &Other<T>, cotangent: Vector2<T>, d: &mut [T]) -> PushGradient<T> {
+        each!(self, rule => rule.push_vjp(me, other, cotangent, d))
     }
 }
 

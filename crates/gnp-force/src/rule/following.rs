@@ -50,6 +50,10 @@ impl<T: RealField + Copy> PairRule<T> for Idm<T> {
 
     #[inline]
     fn free(&self, me: &Ego<T>) -> T {
+        if me.wish <= T::zero() {
+            // The model divides by the desired speed: who wishes to stand brakes comfortably instead.
+            return me.limits.along(-(me.state.velocity.x / me.tau).min(self.braking));
+        }
         me.limits.along(Following::new(&self.driver(me.wish)).free(me.state.velocity.x))
     }
 

@@ -16,6 +16,8 @@ use nalgebra::{RealField, Vector2};
 /// from beside   F = min(limit, beside exp(-s / beside_range)) n_y² n
 /// ```
 ///
+/// Between two vehicles of one lane, or one of which is changing into the lane of the other, the one behind brakes: `s` is
+/// then the gap along the road, `n` points back along it, and who changes pushes nobody aside.
 /// `limit` is the hardest braking of the vehicle ([`Limits`](crate::Limits)). The form is that of Helbing and Tilch's
 /// generalised force model (1998), the gap that of the intelligent driver model.
 ///
@@ -57,7 +59,7 @@ impl<T: RealField + Copy> MotorwayRule<T> {
             stiffness: lit(3.0),
             path_margin: lit(0.5),
             beside: lit(3.0),
-            beside_range: lit(0.5),
+            beside_range: lit(0.3),
         }
     }
 
@@ -85,21 +87,24 @@ impl<T: RealField + Copy> PairRule<T> for MotorwayRule<T> {
         let gap = me.separation_from(other);
         let (nx, ny) = (gap.normal.x, gap.normal.y);
         let limit = me.limits.braking;
-        let mut push = T::zero();
-        if nx < T::zero() {
+        let mut push = Vector2::zeros();
+        let behind = other.place.shares_lane() && me.state.position.x < other.state.position.x;
+        if behind || nx < T::zero() {
+            let distance = if behind { gap.ahead } else { gap.distance };
             let aside = if other.place.merging { T::zero() } else { gap.beside.max(T::zero()) / self.path_margin };
             let share = fading(-aside * aside);
             if share > T::zero() {
                 let v = me.state.velocity.x;
                 let desired = self.desired_gap(v, v - other.state.velocity.x);
-                let exponent = self.stiffness * (T::one() - gap.distance / desired);
-                push += (self.acceleration * fading(exponent)).min(limit) * share * nx * nx;
+                let exponent = self.stiffness * (T::one() - distance / desired);
+                let held = (self.acceleration * fading(exponent)).min(limit) * share;
+                push += if behind { Vector2::new(-held, T::zero()) } else { gap.normal * (held * nx * nx) };
             }
         }
-        if ny != T::zero() {
-            push += (self.beside * fading(-gap.distance / self.beside_range)).min(limit) * ny * ny;
+        if ny != T::zero() && !other.place.merging {
+            push += gap.normal * ((self.beside * fading(-gap.distance / self.beside_range)).min(limit) * ny * ny);
         }
-        gap.normal * push
+        push
     }
 
     fn check(&self) -> Result<(), ForceError> {

@@ -10,8 +10,9 @@ use nalgebra::{RealField, Vector2};
 /// vehicle and `standstill_gap` further back.
 ///
 /// Here as an acceleration, `(2 / wave_time) (min(wish, gap / wave_time) - v)`, the gap counted without `standstill_gap`:
-/// the form of second order that agrees with the shift in time to second order and damps every disturbance. Waves run
-/// upstream with `(length + standstill_gap) / wave_time`.
+/// the form of second order that agrees with the shift in time to second order and damps every oscillation (a single dip
+/// may get deeper by up to a twentieth on the way, and wider). Waves run upstream with
+/// `(length + standstill_gap) / wave_time`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Newell<T> {

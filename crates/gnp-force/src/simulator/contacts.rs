@@ -1,6 +1,6 @@
 //! Who touches whom.
 use super::{Event, Obstacle, Simulator, Vehicle, VehicleId};
-use crate::{boxes::separation, rule::PairRule, scalar::lit};
+use crate::{boxes::separation, road::Closure, rule::PairRule, scalar::lit};
 use nalgebra::{RealField, Vector2};
 
 /// The contacts of now, sorted, so that only their beginning is an event.
@@ -34,7 +34,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
                 let vehicle = &self.vehicles[index];
                 let reach = (vehicle.extent.length + longest) * lit(0.5);
                 let mut touch = |other: usize, lap: i8| {
-                    let r = self.from_to(index, other, lap);
+                    let r = self.way_to(index, other, lap);
                     if r.x.abs() > reach {
                         return false;
                     }
@@ -66,9 +66,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         }
         for (number, closure) in self.road.closures().iter().enumerate() {
             for &index in self.order.in_lane(closure.lane) {
-                let vehicle = &self.vehicles[index];
-                let front = vehicle.state.position.x + vehicle.extent.length * lit(0.5);
-                if front > closure.from && vehicle.state.position.x < closure.to {
+                if self.is_beside(&self.vehicles[index], closure, T::zero()) {
                     pairs.push((self.ids[index], Obstacle::Closure(number)));
                 }
             }
@@ -80,8 +78,15 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         self.contacts.pairs = pairs;
     }
 
+    /// Whether any part of a vehicle, and `margin` m before and behind it, is along the stretch of a closure.
+    pub(super) fn is_beside(&self, vehicle: &Vehicle<T, R>, closure: &Closure<T>, margin: T) -> bool {
+        let half = vehicle.extent.length * lit(0.5) + margin;
+        let front = self.road.distance(closure.from, vehicle.state.position.x + half);
+        front > T::zero() && front < closure.to - closure.from + half + half
+    }
+
     /// From one vehicle to another `lap` times around the ring, in m.
-    fn from_to(&self, index: usize, other: usize, lap: i8) -> Vector2<T> {
+    fn way_to(&self, index: usize, other: usize, lap: i8) -> Vector2<T> {
         let mut r = self.vehicles[other].state.position - self.vehicles[index].state.position;
         if let Some(circumference) = self.road.circumference() {
             r.x += circumference * lit(f64::from(lap));

@@ -55,7 +55,7 @@ pub enum Drive<T: RealField> {
         y: T,
     },
     /// Given: a constant acceleration along the road in m/s², within the limits, such as -8 for an emergency braking. The
-    /// vehicle comes to rest and stays there, or keeps to the highest speed.
+    /// vehicle comes to rest and stays there, or keeps to the highest speed; a motion across the road ends.
     Accelerate(T),
     /// Given: velocities over time.
     Follow(#[cfg_attr(feature = "serde", serde(with = "shared"))] Arc<Profile<T>>),
@@ -138,15 +138,6 @@ impl<T: RealField + Copy> Drive<T> {
                 Some(me.limits.hold(Vector2::new(rule.free(me), (across - velocity.y) / me.tau), velocity))
             }
             Self::Accelerate(_) | Self::Follow(_) | Self::Steady => None,
-        }
-    }
-
-    /// The velocity that a moved vehicle has at `time` s, after a step in which it would have come to `velocity`.
-    #[inline]
-    pub(crate) fn given(&self, velocity: Vector2<T>, time: T) -> Vector2<T> {
-        match self {
-            Self::Follow(profile) => profile.velocity_at(time),
-            _ => velocity,
         }
     }
 }

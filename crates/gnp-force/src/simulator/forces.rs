@@ -48,8 +48,18 @@ pub(super) enum Sight {
     Closure(usize),
 }
 
+/// What adds up to an acceleration, in m/s².
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sums<T: RealField> {
+    /// Of all neighbours, before it is shortened.
+    pub(super) pushes: Vector2<T>,
+    /// Of everything, before it is held within the limits.
+    pub(super) total: Vector2<T>,
+}
+
 impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
-    /// The forces on a vehicle now, apart by source and with names: what the next step starts from.
+    /// The forces on a vehicle now, apart by source and with names: what the next step starts from, unless its driver
+    /// decides to change lanes.
     ///
     /// The neighbours' pushes are those that act, that is, shortened together where they exceed what the vehicle can do.
     /// A vehicle that is moved rather than pushed ([`Drive::has_a_wish`](crate::Drive::has_a_wish)) feels none.
@@ -73,7 +83,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let share = share(&me, neighbours.iter().fold(zero, |sum, push| sum + push));
         neighbours.iter_mut().for_each(|push| *push *= share);
         let lines = self.road.lines().iter().map(|line| line.push(&vehicle.state)).collect();
-        let noise = Vector2::new(self.statuses[index].noise, T::zero());
+        let noise = Vector2::new(self.next_noise(index), T::zero());
         let forces = Forces { goal, neighbours, lines };
         let sum = forces.total() + noise;
         Ok(ForceBreakdown { forces, pushed_by, noise, limits: me.limits.hold(sum, me.state.velocity) - sum })
@@ -96,26 +106,34 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// Acceleration of a vehicle among `states`, in m/s².
     #[inline]
     pub(super) fn acceleration(&self, index: usize, states: &[State<T>], time: T) -> Vector2<T> {
+        self.sums(index, states, time).1
+    }
+
+    /// What adds up to the acceleration of a vehicle among `states`, and the acceleration, in m/s².
+    #[inline]
+    pub(super) fn sums(&self, index: usize, states: &[State<T>], time: T) -> (Sums<T>, Vector2<T>) {
         let vehicle = &self.vehicles[index];
         let me = vehicle.ego(&states[index], time, &self.params);
+        let mut pushes = Vector2::zeros();
         let Some(goal) = vehicle.drive.pull(&me, &vehicle.rule, time, &self.params) else {
-            return self.given(index, &states[index]);
+            return (Sums { pushes, total: pushes }, self.given(index, &states[index]));
         };
-        let mut sum = Vector2::zeros();
-        self.for_each_seen(index, states, |_, other| sum += vehicle.rule.push(&me, &other));
+        self.for_each_seen(index, states, |_, other| pushes += vehicle.rule.push(&me, &other));
         let lines = self.road.lines().iter().fold(Vector2::zeros(), |sum, line| sum + line.push(&me.state));
         let noise = Vector2::new(self.statuses[index].noise, T::zero());
-        me.limits.hold(goal + sum * share(&me, sum) + lines + noise, me.state.velocity)
+        let total = goal + pushes * share(&me, pushes) + lines + noise;
+        (Sums { pushes, total }, me.limits.hold(total, me.state.velocity))
     }
 
     /// Acceleration of a vehicle that is moved, in m/s².
     fn given(&self, index: usize, state: &State<T>) -> Vector2<T> {
-        let vehicle = &self.vehicles[index];
-        if let crate::Drive::Accelerate(along) = vehicle.drive {
-            let most = (self.params.max_speed - state.velocity.x).max(T::zero()) / self.params.dt;
-            return Vector2::new(vehicle.limits.along(along).min(most), T::zero());
-        }
-        Vector2::zeros()
+        let limits = &self.vehicles[index].limits;
+        let crate::Drive::Accelerate(along) = self.vehicles[index].drive else { return Vector2::zeros() };
+        let (v, dt) = (state.velocity, self.params.dt);
+        let most = (self.params.max_speed - v.x).max(T::zero()) / dt;
+        // Who rolls backwards comes to rest first; a motion across the road ends.
+        let along = if v.x < T::zero() { (-v.x / dt).min(limits.braking) } else { limits.along(along).min(most) };
+        Vector2::new(along, (-v.y / dt).max(-limits.lateral).min(limits.lateral))
     }
 
     /// What is called so outside.
@@ -165,10 +183,12 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
                 }
             }
         }
-        if aim != own {
-            self.see_from_beyond(index, states, aim, &mut visit);
-        }
         for lane in [Some(own), (aim != own).then_some(aim)].into_iter().flatten() {
+            if reach.beside_ahead > 0
+                && let Some((who, other)) = self.further_comer(index, lane, reach.beside_ahead, states)
+            {
+                visit(Sight::Vehicle(who), other);
+            }
             if let Some((number, other)) = self.closure_ahead(index, lane, me)
                 && !self.somebody_before(index, lane, me, other.state.position.x)
             {
@@ -177,22 +197,23 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         }
     }
 
-    /// Those ahead who change into the lane that a vehicle is changing into, from its other side: two lanes away.
-    fn see_from_beyond(&self, index: usize, states: &[State<T>], aim: usize, visit: &mut impl FnMut(Sight, Other<T>)) {
-        let (me, own) = (&states[index], self.order.lane(index));
-        for &other in self.order.changing() {
-            if other == index || self.order.aim(other) != aim || self.order.lane(other).abs_diff(own) != 2 {
-                continue;
-            }
-            let way = self.road.distance(me.position.x, states[other].position.x);
-            if way > T::zero() && way <= self.params.range {
-                let mut state = states[other];
-                state.position.x = me.position.x + way;
-                let lane = if aim > own { 1 } else { -1 };
-                let place = Place { ahead: true, lane, rank: 0, merging: true };
-                visit(Sight::Vehicle(other), Other { state, extent: self.vehicles[other].extent, place });
-            }
+    /// Who is next ahead of those that change into a lane, if not among the nearest `seen` of a lane beside.
+    fn further_comer(&self, index: usize, lane: usize, seen: usize, states: &[State<T>]) -> Option<(usize, Other<T>)> {
+        let (own, ring) = (self.order.lane(index), self.road.circumference());
+        let mut coming = self.order.coming(index, lane, true, ring.is_some(), &self.vehicles);
+        let (who, lap) = coming.find(|(who, _)| self.order.lane(*who) != own)?;
+        let rank = self.order.nearer((who, lap), index, &self.vehicles);
+        let aside = self.order.lane(who) as isize - own as isize;
+        if aside.abs() == 1 && rank < seen {
+            return None;
         }
+        let mut state = states[who];
+        state.position.x += ring.map_or_else(T::zero, |ring| ring * crate::scalar::lit(f64::from(lap)));
+        if state.position.x - states[index].position.x > self.params.range {
+            return None;
+        }
+        let place = Place { ahead: true, lane: aside.clamp(-127, 127) as i8, rank, merging: true };
+        Some((who, Other { state, extent: self.vehicles[who].extent, place }))
     }
 
     /// The next closure of a lane, as something that stands across it, if it is within sight.
@@ -211,14 +232,14 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         Some((number, Other { state, extent: Extent { length: T::zero(), width: T::one() }, place: Place::LEADER }))
     }
 
-    /// Whether a vehicle of that lane is ahead and nearer than `x`.
+    /// Whether a vehicle that stays in that lane is ahead and nearer than `x`, so that following it is enough.
     fn somebody_before(&self, index: usize, lane: usize, me: &State<T>, x: T) -> bool {
         let behind = self.order.behind_in(index, lane, &self.vehicles);
         let is_own = usize::from(lane == self.order.lane(index));
         let ring = self.road.circumference().is_some();
         self.order.ahead(lane, behind, is_own, ring).next().is_some_and(|(other, _)| {
             let way = self.road.distance(me.position.x, self.vehicles[other].state.position.x);
-            me.position.x + way < x
+            self.order.aim(other) == lane && me.position.x + way < x
         })
     }
 }

@@ -4,7 +4,7 @@ use super::{
     noise::{mix, uniform},
 };
 use crate::{
-    error::{ForceError, require, require_not_negative},
+    error::{ForceError, require_not_negative},
     rule::{Other, PairRule, Place},
     scalar::lit,
 };
@@ -45,10 +45,11 @@ pub struct Inflow<T> {
     flow: T,
     headways: Headways,
     seed: u64,
-    /// When the next one wants to enter, in s.
-    due: T,
+    /// Vehicles still to be counted, at the flow of each moment, until the next one wants to enter.
+    left: T,
+    /// Up to when they are counted, in s.
+    counted: T,
     drawn: u64,
-    came: u64,
     entered: u64,
 }
 
@@ -59,13 +60,13 @@ impl<T: RealField + Copy> Inflow<T> {
     /// When the flow is negative or not finite.
     pub fn new(flow: T, headways: Headways, seed: u64) -> Result<Self, ForceError> {
         require_not_negative("inflow.flow", flow)?;
-        let mut inflow = Self { flow, headways, seed, due: T::zero(), drawn: 0, came: 0, entered: 0 };
-        inflow.due = inflow.headway();
+        let mut inflow = Self { flow, headways, seed, left: T::zero(), counted: T::zero(), drawn: 0, entered: 0 };
+        inflow.left = inflow.headway();
         Ok(inflow)
     }
 
-    /// Changes the rate to `flow` vehicles an hour from time `from` in s on, which is now or later; the next vehicle comes a
-    /// time of the new rate after it.
+    /// Changes the rate to `flow` vehicles an hour from time `from` in s on, which is now or later; 0 for none. Who would
+    /// have come next comes so much sooner or later as the rates differ.
     ///
     /// # Errors
     /// When the flow is negative or not finite.
@@ -73,7 +74,6 @@ impl<T: RealField + Copy> Inflow<T> {
         require_not_negative("inflow.flow", flow)?;
         self.come(from);
         self.flow = flow;
-        self.due = from + self.headway();
         Ok(())
     }
 
@@ -86,28 +86,25 @@ impl<T: RealField + Copy> Inflow<T> {
     /// How many wait for room.
     #[must_use]
     pub fn waiting(&self) -> u64 {
-        self.came.saturating_sub(self.entered)
+        self.drawn.saturating_sub(1).saturating_sub(self.entered)
     }
 
-    /// The next time between two vehicles, in s; without end where nobody comes.
+    /// The next time between two vehicles, as a share of the mean.
     fn headway(&mut self) -> T {
         self.drawn += 1;
-        if self.flow == T::zero() {
-            return lit(f64::MAX.sqrt());
-        }
-        let mean = lit::<T>(3600.0) / self.flow;
         match self.headways {
-            Headways::Even => mean,
-            Headways::Random => mean * lit(-uniform(mix(self.seed ^ mix(self.drawn))).ln()),
+            Headways::Even => T::one(),
+            Headways::Random => lit(-uniform(mix(self.seed ^ mix(self.drawn))).ln()),
         }
     }
 
     /// Counts those who want to enter up to `time` s.
     fn come(&mut self, time: T) {
-        while self.due <= time {
-            self.came += 1;
+        self.left -= (time - self.counted).max(T::zero()) * self.flow / lit(3600.0);
+        self.counted = self.counted.max(time);
+        while self.left <= T::zero() {
             let headway = self.headway();
-            self.due += headway;
+            self.left += headway;
         }
     }
 }
@@ -135,14 +132,16 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// Puts a vehicle on the road if there is room, and returns its number; none if there is not, and nothing changed.
     ///
     /// There is room if neither the vehicle nor who comes from behind would have to brake with more than 2 m/s². Behind a
-    /// slower vehicle it enters at that one's speed.
+    /// slower vehicle it enters more slowly if need be, down to that one's speed. It does not change lanes for [`Mobil::pause`](crate::Mobil::pause).
     ///
     /// # Errors
     /// When a number of the vehicle is refused or its place is beside the road, as by [`Simulator::add`].
     pub fn enter(&mut self, mut vehicle: Vehicle<T, R>) -> Result<Option<VehicleId>, ForceError> {
         vehicle.check(&self.params, self.time())?;
         let y = vehicle.state.position.y;
-        require(self.road.contains(y), "vehicle.y", y, "between the outermost lines")?;
+        if !self.road.contains(y) {
+            return Err(ForceError::OffRoad { y: y.to_subset_unchecked() });
+        }
         if self.touching(&vehicle).is_some() {
             return Ok(None);
         }
@@ -153,12 +152,17 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let leader = self.next(index, lane, true);
         let leading = leader.and_then(|next| next.who).map(|who| self.vehicles[who].state.velocity.x);
         let slower = leading.map_or(speed, |leading| speed.min(leading.max(T::zero())));
-        let fits = [speed, slower].into_iter().find(|speed| self.fits(index, *speed));
+        let between = |quarters: f64| speed + (slower - speed) * lit(quarters / 4.0);
+        let fits = [0.0, 1.0, 2.0, 3.0, 4.0].map(between).into_iter().find(|speed| self.fits(index, *speed));
         self.remove(id)?;
         self.next_id = id.0;
         let Some(speed) = fits else { return Ok(None) };
         vehicle.state.velocity.x = speed;
-        self.place(vehicle).map(Some)
+        let id = self.place(vehicle)?;
+        let index = self.index(id)?;
+        // Who enters stays in his lane for a pause: else a full lane empties into the one beside, where nobody can enter.
+        self.statuses[index].changed = Some(self.steps);
+        Ok(Some(id))
     }
 
     /// Whether a vehicle at `speed` m/s would neither brake hard nor make the one behind do so.

@@ -24,7 +24,7 @@ const OFF_CENTRE_M: f64 = 0.5;
 /// A lane is better by `a'(me) - a(me) + politeness (a'(new) - a(new) + a'(old) - a(old)) - threshold`, where `a` and `a'` are
 /// the accelerations along the road before and after the change, of the driver, his new and his old follower; to the
 /// right `keep_right` is added, to the left it is taken away. It is taken if nobody would have to brake with more than
-/// `safe_braking`, and there is room.
+/// `safe_braking`, and there is room. Whoever finds somebody beside him before he has crossed the line turns back.
 ///
 /// A lane that ends must be left: over its last 300 m the incentive grows by up to 2 m/s², and so does the braking that is
 /// thought safe, up to nine tenths of what the follower can do.
@@ -76,7 +76,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             if let Drive::Cruise { y, .. } = &mut self.vehicles[index].drive {
                 *y = centre;
                 self.statuses[index].changed = Some(self.steps);
-                self.order.touched(index, &self.vehicles, &self.road);
+                self.order.aimed(index, &self.vehicles, &self.road);
             }
         }
     }
@@ -89,6 +89,9 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let lane = self.order.lane(index);
         let under_way = self.order.aim(index) != lane || (y - vehicle.state.position.y).abs() > lit(OFF_CENTRE_M);
         let since = |changed: u64| self.params.dt * lit((self.steps - changed) as f64);
+        if self.order.aim(index).abs_diff(lane) == 1 && !self.has_room(index, self.order.aim(index)) {
+            return Some(lane);
+        }
         if under_way || self.statuses[index].changed.is_some_and(|changed| since(changed) < mobil.pause) {
             return None;
         }
@@ -106,8 +109,12 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             let before = rule.behind(&ego, Some(&self.seen_ahead(&ego, Next { who: Some(index), way })));
             Some(rule.behind(&ego, after.map(|ahead| self.seen_ahead(&ego, ahead)).as_ref()) - before)
         });
+        let closed = |lane: &usize| {
+            let mut closures = self.road.closures().iter();
+            closures.any(|closure| closure.lane == *lane && self.is_beside(vehicle, closure, lit(LEAST_ROOM_M)))
+        };
         let mut best = (T::zero(), None);
-        for target in beside.into_iter().flatten().filter(|target| !self.is_closed(index, *target)) {
+        for target in beside.into_iter().flatten().filter(|lane| !closed(lane)) {
             let Some(gain) = self.gain(index, &me, target, urgency, &mobil) else { continue };
             let right = if target < lane { mobil.keep_right } else { -mobil.keep_right };
             let others = released.unwrap_or_else(T::zero) * mobil.politeness;
@@ -125,11 +132,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let rule = &self.vehicles[index].rule;
         let (leader, follower) = (self.next(index, target, true), self.next(index, target, false));
         let safe = |limit: T| mobil.safe_braking.max(urgency * lit::<T>(0.9) * limit).min(limit);
-        let roomy = |next: &Next<T>| {
-            let lengths = me.extent.length + next.who.map_or_else(T::zero, |who| self.vehicles[who].extent.length);
-            next.way - lengths * lit(0.5) >= lit(LEAST_ROOM_M)
-        };
-        if !leader.iter().chain(&follower).all(roomy) {
+        if !self.has_room(index, target) {
             return None;
         }
         let mine = rule.behind(me, leader.map(|next| self.seen_ahead(me, next)).as_ref());
@@ -147,12 +150,13 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         Some(mine + mobil.politeness * (after - before))
     }
 
-    /// Whether a lane is closed beside a vehicle.
-    fn is_closed(&self, index: usize, lane: usize) -> bool {
-        let vehicle = &self.vehicles[index];
-        let (x, half) = (vehicle.state.position.x, vehicle.extent.length * lit(0.5));
-        let there = |closure: &crate::Closure<T>| x + half > closure.from && x - half < closure.to;
-        self.road.closures().iter().any(|closure| closure.lane == lane && there(closure))
+    /// Whether nobody in a lane, or changing into it, is beside the vehicle.
+    fn has_room(&self, index: usize, lane: usize) -> bool {
+        let length = self.vehicles[index].extent.length;
+        [true, false].into_iter().filter_map(|ahead| self.next(index, lane, ahead)).all(|next| {
+            let lengths = length + next.who.map_or_else(T::zero, |who| self.vehicles[who].extent.length);
+            next.way - lengths * lit(0.5) >= lit(LEAST_ROOM_M)
+        })
     }
 
     /// From 0 far from the end of a lane to 1 at it.
@@ -172,6 +176,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let me = &self.vehicles[index].state;
         let (ring, is_own) = (self.road.circumference().is_some(), usize::from(lane == self.order.lane(index)));
         let behind = self.order.behind_in(index, lane, &self.vehicles);
+        let coming = self.order.coming(index, lane, ahead, ring, &self.vehicles).next();
         let in_lane = if ahead {
             self.order.ahead(lane, behind, is_own, ring).next()
         } else {
@@ -182,10 +187,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             let (from, to) = if ahead { (me.position.x, x) } else { (x, me.position.x) };
             self.road.distance(from, to)
         };
-        let coming = self.order.changing().iter().copied();
-        let coming = coming.filter(|&who| who != index && self.order.aim(who) == lane && self.order.lane(who) != lane);
-        let vehicles = in_lane.map(|(who, _)| who).into_iter().chain(coming);
-        let vehicles = vehicles.map(|who| Next { who: Some(who), way: way(who) });
+        let vehicles = in_lane.into_iter().chain(coming).map(|(who, _)| Next { who: Some(who), way: way(who) });
         let closure = ahead.then(|| self.closure_ahead(index, lane, me)).flatten();
         let closure = closure.map(|(_, other)| Next { who: None, way: other.state.position.x - me.position.x });
         vehicles

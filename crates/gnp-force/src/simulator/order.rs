@@ -11,8 +11,8 @@ use std::cmp::Ordering;
 pub(crate) struct LaneOrder {
     lanes: Vec<Vec<usize>>,
     spots: Vec<Spot>,
-    /// Vehicles that are changing lanes, in no order.
-    changing: Vec<usize>,
+    /// Vehicles that are changing lanes, by the lane that they are heading for, along it.
+    coming: Vec<Vec<usize>>,
     /// Whether `Spot::beside` is that of now: it is after a step, and not once a vehicle was touched.
     beside_is_current: bool,
 }
@@ -103,13 +103,23 @@ impl LaneOrder {
             }
         }
         self.beside_is_current = true;
-        self.note_changing();
+        self.note_coming(vehicles);
     }
 
-    fn note_changing(&mut self) {
-        self.changing.clear();
-        let changing = self.spots.iter().enumerate().filter(|(_, spot)| spot.aim != spot.lane);
-        self.changing.extend(changing.map(|(index, _)| index));
+    fn note_coming<T: RealField + Copy, R>(&mut self, vehicles: &[Vehicle<T, R>]) {
+        self.coming.iter_mut().for_each(Vec::clear);
+        self.coming.resize_with(self.lanes.len(), Vec::new);
+        for (index, spot) in self.spots.iter().enumerate().filter(|(_, spot)| spot.aim != spot.lane) {
+            self.coming[spot.aim].push(index);
+        }
+        self.coming.iter_mut().for_each(|list| list.sort_by(|a, b| compare(vehicles, *a, *b)));
+    }
+
+    /// Notes the places in the lanes beside, if a vehicle was touched since.
+    pub(crate) fn refresh<T: RealField + Copy, R>(&mut self, vehicles: &[Vehicle<T, R>]) {
+        if !self.beside_is_current {
+            self.settle(vehicles);
+        }
     }
 
     /// Takes in the vehicle that was added last.
@@ -117,20 +127,29 @@ impl LaneOrder {
         let Some(index) = vehicles.len().checked_sub(1) else { return };
         self.spots.push(spot_of(&vehicles[index], road));
         self.put(index, vehicles);
-        self.note_changing();
+        self.note_coming(vehicles);
     }
 
     /// Forgets the vehicle of that index; those after it have moved down by one.
     pub(crate) fn remove(&mut self, index: usize) {
         self.take(index);
         self.spots.remove(index);
-        for other in self.lanes.iter_mut().flatten().filter(|other| **other > index) {
+        self.coming.iter_mut().for_each(|list| list.retain(|other| *other != index));
+        for other in self.lanes.iter_mut().chain(&mut self.coming).flatten().filter(|other| **other > index) {
             *other -= 1;
         }
-        self.note_changing();
     }
 
-    /// A vehicle was put elsewhere, or has another wish.
+    /// A vehicle has another wish.
+    pub(crate) fn aimed<T: RealField + Copy, R>(&mut self, index: usize, vehicles: &[Vehicle<T, R>], road: &Road<T>) {
+        let aim = spot_of(&vehicles[index], road).aim;
+        if self.spots[index].aim != aim {
+            self.spots[index].aim = aim;
+            self.note_coming(vehicles);
+        }
+    }
+
+    /// A vehicle was put elsewhere.
     pub(crate) fn touched<T: RealField + Copy, R>(&mut self, index: usize, vehicles: &[Vehicle<T, R>], road: &Road<T>) {
         let (was, is) = (self.spots[index], spot_of(&vehicles[index], road));
         let list = &self.lanes[was.lane];
@@ -146,8 +165,8 @@ impl LaneOrder {
         }
         // Others may have come to lie differently to it, also while its own lane is still in order.
         self.beside_is_current = false;
-        if was.aim != is.aim || was.lane != is.lane {
-            self.note_changing();
+        if was.aim != was.lane || is.aim != is.lane {
+            self.note_coming(vehicles);
         }
     }
 
@@ -184,9 +203,37 @@ impl LaneOrder {
         self.spots[vehicle].aim
     }
 
-    /// Those that are changing lanes.
-    pub(crate) fn changing(&self) -> &[usize] {
-        &self.changing
+    /// Those that are changing into a lane and are ahead of a vehicle, or behind it, nearest first.
+    #[inline]
+    pub(crate) fn coming<T: RealField + Copy, R>(
+        &self,
+        vehicle: usize,
+        lane: usize,
+        ahead: bool,
+        ring: bool,
+        vehicles: &[Vehicle<T, R>],
+    ) -> impl Iterator<Item = Seen> + '_ {
+        let list = self.coming.get(lane).map_or(&[][..], Vec::as_slice);
+        let at = list.partition_point(|other| compare(vehicles, *other, vehicle) == Ordering::Less);
+        let (behind, before) = list.split_at(at);
+        let (straight, around) = if ahead { (before, behind) } else { (behind, before) };
+        let lap = if ahead { 1 } else { -1 };
+        let turn = move |list: &'_ [usize], at: usize| if ahead { list[at] } else { list[list.len() - 1 - at] };
+        let straight = (0..straight.len()).map(move |at| (turn(straight, at), 0));
+        let around = if ring { around } else { &[] };
+        straight.chain((0..around.len()).map(move |at| (turn(around, at), lap))).filter(move |seen| seen.0 != vehicle)
+    }
+
+    /// How many vehicles of its lane are nearer to another vehicle, which it is ahead of, than this one.
+    pub(crate) fn nearer<T: RealField + Copy, R>(
+        &self,
+        (vehicle, lap): Seen,
+        to: usize,
+        vehicles: &[Vehicle<T, R>],
+    ) -> usize {
+        let Spot { lane, rank, .. } = self.spots[vehicle];
+        let around = if lap > 0 { self.in_lane(lane).len() } else { 0 };
+        (rank + around).saturating_sub(self.behind_in(to, lane, vehicles))
     }
 
     /// The vehicles of a lane in the order of their positions.

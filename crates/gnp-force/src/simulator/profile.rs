@@ -1,12 +1,14 @@
 //! Velocities over time that a vehicle is given.
-use crate::error::{ForceError, require};
+use crate::{
+    error::{ForceError, require},
+    scalar::lit,
+};
 use nalgebra::{RealField, Vector2};
 
 /// Velocities at given times, linear between them and constant before and after; see
 /// [`Drive::Follow`](crate::Drive::Follow).
 ///
-/// Positions follow by the trapezoid, so that a vehicle is exactly where the profile leads when its times are those of
-/// steps.
+/// Positions are the integral, so that a vehicle is exactly where the profile leads, whatever the step.
 ///
 /// ```
 /// use gnp_force::Profile;
@@ -14,6 +16,7 @@ use nalgebra::{RealField, Vector2};
 /// let profile = Profile::speeds(&[(5.0, 30.0), (10.0, 10.0)])?;
 /// assert_eq!(profile.velocity_at(7.5).x, 20.0);
 /// assert_eq!(profile.velocity_at(99.0).x, 10.0);
+/// assert_eq!(profile.way(0.0, 10.0).x, 250.0);
 /// # Ok::<(), gnp_force::ForceError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -64,6 +67,18 @@ impl<T: RealField + Copy> Profile<T> {
             (Some((_, velocity)), None) | (None, Some((_, velocity))) => *velocity,
             (None, None) => Vector2::zeros(),
         }
+    }
+
+    /// The way from one time to a later one, in m: the integral of the velocity.
+    #[must_use]
+    pub fn way(&self, from: T, to: T) -> Vector2<T> {
+        let between = self.knots.iter().map(|(time, _)| *time).filter(|time| *time > from && *time < to);
+        let (mut start, mut way) = (from, Vector2::zeros());
+        for end in between.chain([to]) {
+            way += (self.velocity_at(start) + self.velocity_at(end)) * ((end - start) * lit(0.5));
+            start = end;
+        }
+        way
     }
 
     /// The greatest speed of the profile, in m/s.

@@ -47,6 +47,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// vehicles. Those that arrived or left are no longer in the scene.
     pub fn step(&mut self) -> &[Event<T, R>] {
         self.decide_lanes();
+        self.order.refresh(&self.vehicles);
         self.draw_noise();
         let mut states = std::mem::take(&mut self.states);
         let mut workspace = std::mem::take(&mut self.workspace);
@@ -66,15 +67,20 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         }
         self.states = states;
         self.workspace = workspace;
+        let lanes: Vec<(VehicleId, usize)> =
+            self.ids.iter().enumerate().map(|(index, id)| (*id, self.order.lane(index))).collect();
         self.settle_goals();
         self.take_leavers();
-        let lanes: Vec<usize> = (0..self.vehicles.len()).map(|index| self.order.lane(index)).collect();
         self.order.after_step(&self.vehicles, &self.road);
         self.find_contacts();
-        for (index, from) in lanes.into_iter().enumerate() {
+        let mut lanes = lanes.into_iter();
+        for (index, id) in self.ids.iter().enumerate() {
             let to = self.order.lane(index);
-            if from != to {
-                self.events.push(Event::LaneChange { id: self.ids[index], from, to });
+            // Both are in the order of numbers; those that left are skipped.
+            if let Some((id, from)) = lanes.by_ref().find(|(before, _)| before == id)
+                && from != to
+            {
+                self.events.push(Event::LaneChange { id, from, to });
             }
         }
         &self.events
@@ -85,10 +91,8 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         #[cfg(feature = "parallel")]
         if out.len() >= WORTH_SHARING && rayon::current_num_threads() > 1 {
             use rayon::prelude::*;
-            let share = out.iter_mut().enumerate().collect::<Vec<_>>();
-            share.into_par_iter().with_min_len(WORTH_SHARING / 4).for_each(|(vehicle, acceleration)| {
-                *acceleration = self.acceleration(vehicle, states, time);
-            });
+            let share = out.par_iter_mut().enumerate().with_min_len(WORTH_SHARING / 4);
+            share.for_each(|(vehicle, acceleration)| *acceleration = self.acceleration(vehicle, states, time));
             return;
         }
         for (vehicle, acceleration) in out.iter_mut().enumerate() {
@@ -97,13 +101,17 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     }
 
     /// The unsteadiness of every driver for this step.
-    fn draw_noise(&mut self) {
-        for ((vehicle, status), id) in self.vehicles.iter().zip(&mut self.statuses).zip(&self.ids) {
-            if let Some(noise) = &vehicle.noise {
-                let draw = normal(self.params.seed, id.0, self.steps);
-                status.noise = noise.after(status.noise, self.params.dt, draw);
-            }
+    pub(super) fn draw_noise(&mut self) {
+        for index in 0..self.vehicles.len() {
+            self.statuses[index].noise = self.next_noise(index);
         }
+    }
+
+    /// The unsteadiness of a driver in the next step, in m/s².
+    pub(super) fn next_noise(&self, index: usize) -> T {
+        let last = self.statuses[index].noise;
+        let Some(noise) = &self.vehicles[index].noise else { return last };
+        noise.after(last, self.params.dt, normal(self.params.seed, self.ids[index].0, self.steps))
     }
 
     /// Those whose goal is due leave, or drive on.

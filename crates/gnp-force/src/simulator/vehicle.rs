@@ -92,22 +92,22 @@ impl<T: RealField + Copy, R> Vehicle<T, R> {
         }
     }
 
-    /// Takes the state after a step that ends at `time` s. A cruising driver stops rather than be pushed backwards; one
-    /// that is moved has the velocity it is given.
+    /// Takes the state after a step that ends at `time` s. A cruising driver stops rather than be pushed backwards, and
+    /// one that rolls backwards gets no faster; one that is moved has the velocity it is given.
     pub(crate) fn advance(&mut self, mut state: State<T>, time: T, dt: T) {
         let before = &self.state;
         match &self.drive {
             Drive::Goal { .. } | Drive::Steady => {}
             Drive::Cruise { .. } | Drive::Accelerate(_) => {
-                if state.velocity.x < T::zero() {
-                    state.velocity.x = T::zero();
-                    state.position.x = state.position.x.max(before.position.x);
+                let least = before.velocity.x.min(T::zero());
+                if state.velocity.x < least {
+                    state.velocity.x = least;
+                    state.position.x = state.position.x.max(before.position.x + least * dt);
                 }
             }
-            Drive::Follow(_) => {
-                state.velocity = self.drive.given(state.velocity, time);
-                let mean = (before.velocity + state.velocity) * crate::scalar::lit::<T>(0.5);
-                state.position = before.position + mean * dt;
+            Drive::Follow(profile) => {
+                state.velocity = profile.velocity_at(time);
+                state.position = before.position + profile.way(time - dt, time);
             }
         }
         self.state = state;

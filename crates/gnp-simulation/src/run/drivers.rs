@@ -1,5 +1,6 @@
 //! Who drives: vehicles drawn from the kinds of a scene.
 use crate::{
+    drivers::DriverDistribution,
     error::SimulationError,
     scene::{DriverSpec, Scene},
 };
@@ -15,12 +16,15 @@ const SLOWEST: f64 = 0.5;
 /// The kinds of drivers of a scene, and the seed from which they are drawn.
 pub(super) struct Cast<'a> {
     kinds: &'a [DriverSpec],
+    /// By kind, for those that are drawn from fitted drivers.
+    fitted: Vec<Option<DriverDistribution>>,
     seed: u64,
 }
 
 impl<'a> Cast<'a> {
     pub(super) fn of(scene: &'a Scene, seed: u64) -> Result<Self, SimulationError> {
-        Ok(Self { kinds: &scene.drivers, seed })
+        let fitted = scene.drivers.iter().map(|kind| kind.fitted.as_deref().map(distribution).transpose());
+        Ok(Self { kinds: &scene.drivers, fitted: fitted.collect::<Result<_, _>>()?, seed })
     }
 
     /// The vehicle of that number in a lane; the same ones always give the same.
@@ -29,7 +33,12 @@ impl<'a> Cast<'a> {
         rng.set_stream(lane as u64);
         // Every vehicle has a stretch of the stream of its own.
         rng.set_word_pos(u128::from(number) * 64);
-        let kind = self.kind(lane, rng.random());
+        let at = self.kind(lane, rng.random());
+        let kind = &self.kinds[at];
+        if let Some(fitted) = &self.fitted[at] {
+            let vehicle = fitted.vehicle(self.seed.wrapping_add(lane as u64), number, state);
+            return Vehicle { lane_change: kind.lane_change.or(vehicle.lane_change), ..vehicle };
+        }
         let speed = (kind.desired_speed_mps.mean + kind.desired_speed_mps.sd * normal(&mut rng)).clamp(SLOWEST, 70.0);
         let factors = [normal(&mut rng), normal(&mut rng)].map(|draw| (kind.spread * draw).exp());
         let drive = Drive::Cruise { speed, y: state.position.y };
@@ -45,19 +54,29 @@ impl<'a> Cast<'a> {
     }
 
     /// The kind at `share` of all that enter a lane.
-    fn kind(&self, lane: usize, share: f64) -> &'a DriverSpec {
-        let enters = |kind: &&DriverSpec| kind.lanes.as_ref().is_none_or(|lanes| lanes.contains(&lane));
-        let total: f64 = self.kinds.iter().filter(enters).map(|kind| kind.share).sum();
-        let mut left = share * total;
-        for kind in self.kinds.iter().filter(enters) {
+    fn kind(&self, lane: usize, share: f64) -> usize {
+        let enters = |kind: &DriverSpec| kind.lanes.as_ref().is_none_or(|lanes| lanes.contains(&lane));
+        let those = || self.kinds.iter().enumerate().filter(|(_, kind)| enters(kind));
+        let mut left = share * those().map(|(_, kind)| kind.share).sum::<f64>();
+        for (at, kind) in those() {
             left -= kind.share;
             if left < 0.0 {
-                return kind;
+                return at;
             }
         }
-        // Where no kind enters a lane, all do.
-        self.kinds.iter().rfind(enters).unwrap_or(&self.kinds[0])
+        those().last().map_or(0, |(at, _)| at)
     }
+}
+
+/// The fitted drivers of a site, or those in a file.
+fn distribution(of: &str) -> Result<DriverDistribution, SimulationError> {
+    let embedded = DriverDistribution::embedded(of);
+    if embedded.is_err() && std::path::Path::new(of).is_file() {
+        let text = std::fs::read_to_string(of)
+            .map_err(|source| SimulationError::Read { path: of.into(), source })?;
+        return Ok(DriverDistribution::from_toml(&text)?);
+    }
+    Ok(embedded?)
 }
 
 /// A rule with another time gap and acceleration.

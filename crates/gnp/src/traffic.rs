@@ -1,0 +1,217 @@
+//! `simulate` and `measure`: traffic driven by a scene file, and what traffic engineers measure of that or of recordings.
+
+mod figures;
+mod page;
+
+use std::fs::{self, File};
+use std::io::{BufWriter, Write as _};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use gnp_data::Recording;
+use gnp_measures::{Course, Settings, Summary, Traffic, cell_rows, detector_rows, event_rows};
+use gnp_plot::Source;
+use gnp_simulation::{Counts, Scene, Simulated, SimulationError, write_fcd, write_parquet};
+use serde::Serialize;
+
+use crate::config::RunConfig;
+use crate::data::{ingest, source};
+use crate::error::{Context as _, Error, Result, bail};
+use crate::machine::Machine;
+use crate::run::folder::write;
+
+/// Time steps of a cell are at least this, s, and cells at least this long, m: smaller ones hold single vehicles.
+const LEAST_CELL: [f64; 2] = [5., 20.];
+/// How many cells of a section there are along the road and over time, at least.
+const CELLS: f64 = 40.;
+
+/// What to simulate, and what to write.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    /// The scene.
+    pub scene: Scene,
+    /// From which chance comes, one simulation each; those of the scene where there is none here.
+    pub seeds: Vec<u64>,
+    /// The folder; with several seeds, one in it for each.
+    pub out: PathBuf,
+    /// Whether to write SUMO's floating car data, which is large.
+    pub fcd: bool,
+}
+
+/// What was measured of one recording.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Measured {
+    /// The folder.
+    pub out: PathBuf,
+    /// Everything.
+    pub summary: Summary,
+    /// A few lines of it.
+    pub text: String,
+}
+
+/// A scene by the name of an embedded one, or in a file.
+///
+/// # Errors
+/// When the file cannot be read or is no scene; line and column are named.
+pub fn scene(of: &str) -> Result<Scene> {
+    if let Some((_, text)) = Scene::EMBEDDED.iter().find(|(name, _)| *name == of) {
+        return Ok(Scene::parse(text)?);
+    }
+    let names: Vec<&str> = Scene::EMBEDDED.iter().map(|(name, _)| *name).collect();
+    let text = fs::read_to_string(of)
+        .with_context(|| format!("{of} is neither a file that can be read nor one of {}", names.join(", ")))?;
+    Scene::parse(&text).with_context(|| format!("{of} is no scene"))
+}
+
+/// Drives a scene once for each seed, measures and draws what happened, and writes it to a folder.
+///
+/// # Errors
+/// When the scene is refused, the folder cannot be written, or the work is stopped; what is finished by then stays.
+pub fn simulate(simulation: &Simulation, machine: &Machine) -> Result<Vec<Measured>> {
+    let Simulation { scene, out, .. } = simulation;
+    let seeds = if simulation.seeds.is_empty() { &scene.seeds } else { &simulation.seeds };
+    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    write(&out.join("scene.toml"), toml::to_string(scene)?.as_bytes())?;
+    let mut all = Vec::new();
+    for &seed in seeds {
+        let place = if seeds.len() > 1 { out.join(format!("seed-{seed}")) } else { out.clone() };
+        let simulated = drive(scene, seed, machine)?;
+        all.push(keep(simulation, &simulated, &place, machine)?);
+    }
+    Ok(all)
+}
+
+fn drive(scene: &Scene, seed: u64, machine: &Machine) -> Result<Simulated> {
+    let total = scene.warm_up_s + scene.duration_s;
+    let work = machine.work(&format!("simulate {}, seed {seed}", scene.name), total as usize, "s");
+    let mut progress = |seconds: f64| {
+        work.at(seconds as u64, "");
+        if machine.stop.is_requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    scene.run(seed, &mut progress).map_err(|error| match error {
+        SimulationError::Stopped { .. } => Error::Stopped { kept: None },
+        other => other.into(),
+    })
+}
+
+/// Writes everything of one simulation.
+fn keep(simulation: &Simulation, simulated: &Simulated, out: &Path, machine: &Machine) -> Result<Measured> {
+    let Simulation { scene, fcd, .. } = simulation;
+    let road = &scene.road;
+    let course = if road.ring { Course::Ring { circumference: road.length_m } } else { Course::Open };
+    let settings = Settings {
+        detectors: scene.detectors_m.clone(),
+        interval_s: scene.detector_interval_s,
+        ..Settings::default()
+    };
+    let source = Source { words: format!("scene {}, seed {}", scene.name, simulated.seed), simulated: true };
+    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    let recording = &simulated.recording;
+    to_file(&out.join("tracks.parquet"), |file| Ok(write_parquet(recording, file)?))?;
+    if *fcd {
+        to_file(&out.join("fcd.xml"), |file| Ok(write_fcd(recording, file)?))?;
+    }
+    let mut happenings = String::from("time_s,kind,vehicle,other,from_lane,to_lane\n");
+    for it in &simulated.happenings {
+        let [from, to] = it.lanes.map_or([String::new(), String::new()], |lanes| lanes.map(|lane| lane.to_string()));
+        let other = it.other.map_or_else(String::new, |other| other.to_string());
+        happenings += &format!("{:.2},{},{},{other},{from},{to}\n", it.time_s, it.kind, it.vehicle);
+    }
+    write(&out.join("happenings.csv"), happenings.as_bytes())?;
+    let counts = &simulated.counts;
+    let words = format!(
+        "{} vehicles entered, {} left, {} are on the road, {} wait to enter; {} lane changes, {} contacts",
+        counts.started + counts.entered,
+        counts.left,
+        counts.remain,
+        counts.waiting,
+        counts.lane_changes,
+        counts.contacts
+    );
+    measure_one(recording, course, settings, &source, out, &words, Some(counts), machine)
+}
+
+/// Measures recordings, real or simulated, as [`simulate`] measures what it drove: each into a folder of its own.
+///
+/// # Errors
+/// When the recordings cannot be read, or the folder not written.
+pub fn measure(config: &RunConfig, data_dir: Option<&Path>, out: &Path, machine: &Machine) -> Result<Vec<Measured>> {
+    let place = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let report = ingest::run(source::find(config, data_dir)?, config, place.path(), machine)?;
+    let recordings = report.load(place.path(), machine)?;
+    if recordings.is_empty() {
+        bail!(Recordings, "there are no recordings to measure");
+    }
+    let work = machine.work("measure", recordings.len(), "recordings");
+    let mut all = Vec::new();
+    for (done, recording) in recordings.iter().enumerate() {
+        machine.stop.check()?;
+        let meta = recording.meta();
+        work.at(done as u64, &meta.name);
+        let source = Source { words: format!("{}, {}", meta.name, meta.site), simulated: meta.simulated };
+        let folder = out.join(&meta.name);
+        all.push(measure_one(recording, Course::Open, Settings::default(), &source, &folder, "", None, machine)?);
+    }
+    Ok(all)
+}
+
+/// Measures a recording and writes tables, figures and a page.
+#[expect(clippy::too_many_arguments, reason = "each is said once, by two callers")]
+fn measure_one(
+    recording: &Recording,
+    course: Course,
+    mut settings: Settings,
+    source: &Source,
+    out: &Path,
+    words: &str,
+    counts: Option<&Counts>,
+    machine: &Machine,
+) -> Result<Measured> {
+    machine.stop.check()?;
+    let traffic = Traffic::new(recording, course)?;
+    let longest = (0..recording.roads().len() as u16).filter_map(|road| traffic.extent(road));
+    let length = longest.map(|[from, to]| to - from).fold(0., f64::max);
+    settings.cells.t = settings.cells.t.min(traffic.duration_s() / CELLS).max(LEAST_CELL[0]);
+    settings.cells.x = settings.cells.x.min(length / CELLS).max(LEAST_CELL[1]);
+    let summary = Summary::of(&traffic, &settings)?;
+    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    table(&out.join("detectors.csv"), detector_rows(&summary))?;
+    table(&out.join("cells.csv"), cell_rows(&summary))?;
+    table(&out.join("conflicts.csv"), event_rows(&summary))?;
+    let written = Written { counts, summary: &summary };
+    to_file(&out.join("summary.json"), |file| Ok(serde_json::to_writer_pretty(file, &written)?))?;
+    let figures = figures::all(recording, &traffic, &summary, source)?;
+    crate::figures::save(&figures, &out.join("figures"))?;
+    let page = page::page(recording, &summary, figures, source, words)?;
+    write(&out.join("report.html"), page.html()?.as_bytes())?;
+    let text = page::text(&summary, words);
+    Ok(Measured { out: out.to_owned(), summary, text })
+}
+
+/// What stands in `summary.json`.
+#[derive(Serialize)]
+struct Written<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    counts: Option<&'a Counts>,
+    #[serde(flatten)]
+    summary: &'a Summary,
+}
+
+fn table(path: &Path, rows: impl Iterator<Item = String>) -> Result<()> {
+    let text: String = rows.map(|row| row + "\n").collect();
+    write(path, text.as_bytes())
+}
+
+/// Writes a large file beside its place, and puts it there once it is whole.
+fn to_file(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<()>) -> Result<()> {
+    let what = || format!("cannot write {}", path.display());
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(folder).with_context(what)?;
+    let mut writer = BufWriter::new(file.as_file_mut());
+    fill(&mut writer)?;
+    writer.flush().with_context(what)?;
+    drop(writer);
+    file.persist(path).map_err(|error| Error::from(error.error)).with_context(what)?;
+    Ok(())
+}
