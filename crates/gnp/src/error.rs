@@ -90,9 +90,6 @@ pub enum Error {
     /// A picture.
     #[error(transparent)]
     Paint(#[from] gnp_plot::PaintError),
-    /// Closed-loop traffic.
-    #[error(transparent)]
-    Simulation(#[from] gnp_simulation::SimulationError),
     /// The fit of drivers to recordings.
     #[error(transparent)]
     Drivers(#[from] gnp_simulation::drivers::DriverError),
