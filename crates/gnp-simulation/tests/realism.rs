@@ -1,4 +1,5 @@
 //! Driving on from recordings, and how real that is: on traffic whose drivers are known.
+#![allow(clippy::unwrap_used)] // also outside the test functions
 mod made;
 
 use gnp_data::{Forecast, Mode, Observation, PredictError, Predictor, WindowShape};

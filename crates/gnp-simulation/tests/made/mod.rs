@@ -1,4 +1,5 @@
 //! Recordings made by known drivers.
+#![allow(clippy::unwrap_used)] // only tests call these
 use gnp_data::{LaneMarking, NeighbourSource, Recording, Road, Rows, VehicleBody};
 use gnp_force::{
     Drive, Driver, Headways, Idm, Inflow, Line, MarkingKind, Side, Simulator, SimulatorParams, State, Vehicle,
