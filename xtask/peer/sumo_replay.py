@@ -12,7 +12,7 @@ The scene, JSON; x forward, y to the left, positions are centres of boxes; m, m/
      "step": 0.1,                       whole milliseconds
      "duration": 10.0,                  states 0, 1, ... duration / step are written
      "road": {"lines": [-22.0, -18.3, ...],      borders of the lanes from right to left, one more than lanes
-              "from": 0.0, "to": 300.0,          the section; vehicles leave when their centre has passed `to`
+              "from": 0.0, "to": 300.0,          the section; see below
               "speed_limit": 29.1},
      "vehicles": [{"id": 7, "length": 4.5, "width": 1.8,
                    "enter": 0.0,                 0 for those present
@@ -23,6 +23,9 @@ The scene, JSON; x forward, y to the left, positions are centres of boxes; m, m/
      "seeds": [1, 2],                   optional, [1]
      "lane_changes": false             optional; true: SUMO's defaults; an object: with these attributes of a vehicle type,
                                         {"lcOvertakeRight": 1, "lcKeepRight": 0} where the right lane is like the others}
+
+Vehicles leave when their centre has passed `to`: they are not written any more, and drive on at the speed that they have there
+for another 300 m, so that those behind follow somebody.
 
 `replayed` vehicles move as recorded, a state (x, y, speed) a step from `enter` on, and are gone after the last; SUMO sees them
 in the middle of their lane. Vehicles present at 0 are put where they are, whatever is near. Those that enter later wait until
@@ -51,6 +54,8 @@ EAST = 90.0
 CAR_FOLLOWING_ONLY = {"lcOvertakeRight": 1, "lcCooperative": 0, "lcSpeedGain": 0, "lcKeepRight": 0}
 # Road before the first and behind the last position of anybody, m.
 MARGIN = 100.0
+# Road beyond the section for those who have left it, m.
+BEYOND = 300.0
 # What SUMO takes where a vehicle type says nothing: m/s, m/s^2, m.
 FASTEST, EMERGENCY, GAP = 200 / 3.6, 9.0, 2.5
 
@@ -79,7 +84,7 @@ class Scene:
         recorded = [state[0] for vehicle in self.replayed.values() for state in vehicle["states"]]
         placed = [vehicle["x"] for vehicle in self.driven]
         self.origin = min(road["from"], *recorded, *placed) - MARGIN
-        self.length = max(self.end, *recorded, *placed) + MARGIN - self.origin
+        self.length = max(self.end + BEYOND, *recorded, *placed) + MARGIN - self.origin
         self.due = {str(v["id"]): round(v["enter"] / self.step) for v in (*self.driven, *self.replayed.values())}
         self.speeds = {str(v["id"]): v["speed"] for v in self.driven}
         self.offsets = {str(v["id"]): v["y"] - self.middle(v["lane"]) for v in self.driven}
@@ -147,7 +152,7 @@ class Scene:
 
 def drive(scene, seed, lane_changes, keep_offset, writer):
     """One run from the files that libsumo has loaded; returns what happened."""
-    collisions, late, lanes, changes = set(), {}, {}, 0
+    collisions, late, lanes, changes, gone = set(), {}, {}, 0, set()
     for step in range(scene.steps + 1):
         scene.move(step)
         libsumo.simulation.step()
@@ -162,7 +167,7 @@ def drive(scene, seed, lane_changes, keep_offset, writer):
             lanes[name] = libsumo.vehicle.getLaneIndex(name)
         for collision in libsumo.simulation.getCollisions():
             pair = tuple(sorted((collision.collider, collision.victim)))
-            if not all(name in scene.replayed for name in pair):
+            if not all(name in scene.replayed or name in gone for name in pair):
                 collisions.add(pair)
         for name in libsumo.vehicle.getIDList():
             lane, driven = libsumo.vehicle.getLaneIndex(name), name not in scene.replayed
@@ -171,7 +176,11 @@ def drive(scene, seed, lane_changes, keep_offset, writer):
                 x, speed = front + scene.origin - scene.lengths[name] / 2, libsumo.vehicle.getSpeed(name)
                 y += scene.lines[0] + (scene.offsets[name] if keep_offset else 0.0)
                 if x > scene.end:
-                    libsumo.vehicle.remove(name)
+                    if name not in gone:
+                        gone.add(name)
+                        libsumo.vehicle.setLaneChangeMode(name, 0)
+                        libsumo.vehicle.setSpeedMode(name, 0)
+                        libsumo.vehicle.setSpeed(name, speed)
                     continue
                 changes += lane != lanes[name]
                 lanes[name] = lane

@@ -8,8 +8,7 @@ use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
     Change, Machine, Measured, Plan, PredictionsOn, Progress as _, Question, Recipes, Run, RunConfig, Scene, Scores,
-    Simulation, Stage, memory,
-    score_predictions, score_recordings,
+    Simulation, Stage, memory, score_predictions, score_recordings,
 };
 use gnp_data::FORMATS;
 use gnp_eval::Protocol;

@@ -35,6 +35,41 @@ pub enum SimulationError {
         /// The most.
         most: u64,
     },
+    /// A recording cannot be driven on from.
+    #[error("recording {recording}: {reason}")]
+    Replay {
+        /// The recording.
+        recording: String,
+        /// Why.
+        reason: String,
+    },
+    /// Nobody is there at a start of a replay who is not moved as recorded, or nothing is recorded after it.
+    #[error("recording {recording}: nobody is there to be driven from frame {start} on")]
+    NobodyToDrive {
+        /// The recording.
+        recording: String,
+        /// The frame.
+        start: u32,
+    },
+    /// Every fitted driver is in the scene himself.
+    #[error("{system}: all of its drivers are in the scene {scene} themselves; fit some on other vehicles")]
+    NoDrivers {
+        /// The system.
+        system: String,
+        /// The scene.
+        scene: String,
+    },
+    /// A predictor that drives failed.
+    #[error(transparent)]
+    Predict(#[from] gnp_data::PredictError),
+    /// Positions of another simulator cannot be read.
+    #[error("positions, line {line}: {reason}")]
+    Positions {
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// Fitted drivers cannot be used.
     #[error(transparent)]
     Drivers(#[from] crate::drivers::DriverError),

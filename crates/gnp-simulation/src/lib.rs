@@ -2,10 +2,16 @@
 //!
 //! A scene says where the road is, who enters and who drives; the simulator drives; and what happened is a
 //! [`gnp_data::Recording`], so that simulated and real traffic are measured, drawn and played by the same code.
+//!
+//! How real it is, says [`realism`]: a [`replay`] starts from a moment of a recording, a system drives on in closed loop, and
+//! what it makes of it is compared with what happened.
+mod chance;
 pub mod drivers;
 mod error;
 mod output;
+pub mod realism;
 mod recorder;
+pub mod replay;
 mod run;
 mod scene;
 

@@ -1,6 +1,8 @@
 //! What a simulator did, as a recording.
 use crate::error::SimulationError;
-use gnp_data::{Dataset, LaneMarking, NeighbourSource, Recording, RecordingMeta, Road, Rows, VehicleBody, VehicleClass};
+use gnp_data::{
+    Dataset, LaneMarking, NeighbourSource, Recording, RecordingMeta, Road, Rows, VehicleBody, VehicleClass,
+};
 use gnp_force::{MarkingKind, PairRule, Simulator};
 
 /// Longer vehicles are recorded as trucks, m.

@@ -284,9 +284,8 @@ impl Scene {
         require(!self.drivers.is_empty(), "drivers", "empty", "one kind of driver or more")?;
         self.drivers.iter().try_for_each(|drivers| self.check_drivers(drivers))?;
         for lane in 0..road.lanes {
-            let enters = |kind: &DriverSpec| {
-                kind.share > 0.0 && kind.lanes.as_ref().is_none_or(|lanes| lanes.contains(&lane))
-            };
+            let enters =
+                |kind: &DriverSpec| kind.share > 0.0 && kind.lanes.as_ref().is_none_or(|lanes| lanes.contains(&lane));
             let somebody = self.drivers.iter().any(enters);
             require(somebody, "drivers.lanes", format!("no kind for lane {lane}"), "one kind or more for every lane")?;
         }

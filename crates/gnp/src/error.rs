@@ -90,6 +90,9 @@ pub enum Error {
     /// A picture.
     #[error(transparent)]
     Paint(#[from] gnp_plot::PaintError),
+    /// The fit of drivers to recordings.
+    #[error(transparent)]
+    Drivers(#[from] gnp_simulation::drivers::DriverError),
     /// A file for the Rerun viewer.
     #[error(transparent)]
     Replay(#[from] gnp_replay::ReplayError),

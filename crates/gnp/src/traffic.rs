@@ -100,11 +100,8 @@ fn keep(simulation: &Simulation, simulated: &Simulated, out: &Path, machine: &Ma
     let Simulation { scene, fcd, .. } = simulation;
     let road = &scene.road;
     let course = if road.ring { Course::Ring { circumference: road.length_m } } else { Course::Open };
-    let settings = Settings {
-        detectors: scene.detectors_m.clone(),
-        interval_s: scene.detector_interval_s,
-        ..Settings::default()
-    };
+    let settings =
+        Settings { detectors: scene.detectors_m.clone(), interval_s: scene.detector_interval_s, ..Settings::default() };
     let source = Source { words: format!("scene {}, seed {}", scene.name, simulated.seed), simulated: true };
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let recording = &simulated.recording;

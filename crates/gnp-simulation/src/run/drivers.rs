@@ -64,7 +64,7 @@ impl<'a> Cast<'a> {
                 return at;
             }
         }
-        those().last().map_or(0, |(at, _)| at)
+        those().next_back().map_or(0, |(at, _)| at)
     }
 }
 
@@ -72,8 +72,7 @@ impl<'a> Cast<'a> {
 fn distribution(of: &str) -> Result<DriverDistribution, SimulationError> {
     let embedded = DriverDistribution::embedded(of);
     if embedded.is_err() && std::path::Path::new(of).is_file() {
-        let text = std::fs::read_to_string(of)
-            .map_err(|source| SimulationError::Read { path: of.into(), source })?;
+        let text = std::fs::read_to_string(of).map_err(|source| SimulationError::Read { path: of.into(), source })?;
         return Ok(DriverDistribution::from_toml(&text)?);
     }
     Ok(embedded?)

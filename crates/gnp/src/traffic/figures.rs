@@ -51,7 +51,10 @@ fn diagram(summary: &Summary, road: u16, name: &str, source: &Source) -> Option<
         Some((format!("lane {}", lane.number), points.collect()))
     });
     let diagram = FlowDensity {
-        title: format!("{name}a point: one lane over {:.0} m and {:.0} s", summary.settings.cells.x, summary.settings.cells.t),
+        title: format!(
+            "{name}a point: one lane over {:.0} m and {:.0} s",
+            summary.settings.cells.x, summary.settings.cells.t
+        ),
         lanes: lanes.collect(),
         free_speed: all.free_speed.as_ref().ok().copied(),
         congested: all.congested.as_ref().ok().map(|branch| [branch.wave_speed, branch.jam_density_veh_km]),
