@@ -114,6 +114,8 @@ Examples:
   gnp simulate ring                            a scene that comes with the program: ring, lane-drop, motorway
   gnp simulate --print lane-drop > my.toml     a scene to start from
   gnp simulate my.toml --out runs/my --seed 1 --seed 2 --fcd
+  gnp simulate --dataset ngsim --recording us101-24_1 --drivers us-101     drive on from a recorded scene
+  gnp simulate --dataset ngsim --run runs/ngsim                            with a trained run as driver
 
 Writes to --out the scene, tracks.parquet, happenings.csv, detectors.csv, cells.csv, conflicts.csv, summary.json, figures
 and report.html with a player; with --fcd SUMO's floating car data. The same scene and seed give the same files.")]
@@ -126,6 +128,16 @@ Examples:
 
 Writes a folder for each recording, with the same tables, figures and page as `simulate`.")]
     Measure(MeasureArgs),
+    /// Ask how real closed-loop traffic is: systems drive on from recorded scenes, and are scored beside what happened.
+    #[command(after_help = "\
+Examples:
+  gnp realism --dataset ngsim
+  gnp realism --dataset ngsim --run t1/fold-1/gnp --run t1/fold-2/gnp --run t1/fold-3/gnp
+  gnp realism --dataset ngsim --sumo scenes    writes scenes for SUMO, and scores its courses once they are there
+
+Drivers are fitted to other vehicles than those they drive; a trained run drives only vehicles it was not trained on, which
+takes the runs of all folds of `compare`. Writes realism.md, .csv and .json to --out.")]
+    Realism(RealismArgs),
     /// Write the minute of the scene player as a file for the Rerun viewer; needs a build with the feature `rerun`.
     #[command(after_help = "\
 Example:
@@ -330,7 +342,7 @@ pub struct ExplainArgs {
 #[derive(Clone, Debug, Args)]
 pub struct SimulateArgs {
     /// A scene file, or the name of a scene that comes with the program.
-    #[arg(value_name = "SCENE", required_unless_present = "print")]
+    #[arg(value_name = "SCENE", required_unless_present_any = ["print", "dataset"])]
     pub(crate) scene: Option<String>,
     /// Folder to write [default: runs/ and the name of the scene]; files there are replaced.
     #[arg(long, value_name = "DIR")]
@@ -342,8 +354,56 @@ pub struct SimulateArgs {
     #[arg(long)]
     pub(crate) fcd: bool,
     /// Print a scene that comes with the program, and do nothing else.
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["scene", "out", "seed", "fcd"])]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["scene", "out", "seed", "fcd", "dataset"])]
     pub(crate) print: Option<String>,
+    /// Instead of a scene: drive on from a recording of this kind, everybody but the foremost, whose motion is recorded.
+    #[arg(long, value_parser = dataset, value_name = "NAME", conflicts_with = "scene")]
+    pub(crate) dataset: Option<Dataset>,
+    /// Folder (or file) of recordings [default: those embedded in the project].
+    #[arg(long, value_name = "DIR", requires = "dataset")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// Which recording [default: the one with most rows].
+    #[arg(long, value_name = "NAME", requires = "dataset")]
+    pub(crate) recording: Option<String>,
+    /// When to start, s after the first frame that has 3 s of past.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0., requires = "dataset")]
+    pub(crate) at: f64,
+    /// How long to drive at most, s; no longer than is recorded.
+    #[arg(long, value_name = "SECONDS", default_value_t = 30., requires = "dataset")]
+    pub(crate) seconds: f64,
+    /// Draw drivers fitted to a site (us-101, i-80, highd-simulated), those more often who explain the 3 s before the start
+    /// [default: standard drivers of the intelligent driver model].
+    #[arg(long, value_name = "SITE", requires = "dataset", conflicts_with = "run")]
+    pub(crate) drivers: Option<String>,
+    /// Drive with a trained run, which predicts anew every half second and draws among its futures.
+    #[arg(long, value_name = "DIR", requires = "dataset")]
+    pub(crate) run: Option<PathBuf>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// Which systems drive on from what.
+#[derive(Clone, Debug, Args)]
+pub struct RealismArgs {
+    /// Kind of data.
+    #[arg(long, value_parser = dataset, value_name = "NAME")]
+    pub(crate) dataset: Dataset,
+    /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data_dir: Option<PathBuf>,
+    /// A trained run as one more system; repeatable, for runs of several folds.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: Vec<PathBuf>,
+    /// Folder of scenes for SUMO: they are written there, and its courses read from there.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) sumo: Option<PathBuf>,
+    /// Roll-outs of a scene by a system that draws.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) roll_outs: u16,
+    /// Folder to write [default: runs/realism-NAME].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

@@ -7,15 +7,15 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Change, Machine, Measured, Plan, PredictionsOn, Progress as _, Question, Recipes, Run, RunConfig, Scene, Scores,
-    Simulation, Stage, memory, score_predictions, score_recordings,
+    Change, DriveOn, Machine, Measured, Plan, PredictionsOn, Progress as _, Question, RealismPlan, Recipes,
+    ReplayDrivers, Run, RunConfig, Scene, Scores, Simulation, Stage, memory, score_predictions, score_recordings,
 };
-use gnp_data::FORMATS;
+use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, CompareArgs, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, ReplayArgs,
-    ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
+    Command, CompareArgs, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs,
+    ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
 use crate::names::Place;
 use crate::program::Program;
@@ -40,6 +40,7 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Explain(args) => explain(args, program),
         Command::Simulate(args) => simulate(args, program),
         Command::Measure(args) => measure(args, program),
+        Command::Realism(args) => realism(args, program),
         Command::Report(args) => report(args, program),
         Command::Replay(args) => replay(args, program),
     }
@@ -71,7 +72,7 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
         }
         Command::Ablate(args) => table("ablate", args, String::new()),
         // Done again from the start, which takes seconds.
-        Command::Simulate(_) | Command::Measure(_) => None,
+        Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) => None,
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
     }
 }
@@ -244,6 +245,9 @@ fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
 }
 
 fn simulate(args: &SimulateArgs, program: &Program) -> Result<()> {
+    if let Some(dataset) = args.dataset {
+        return simulate_from(args, dataset, program);
+    }
     if let Some(name) = &args.print {
         let Some((_, text)) = Scene::EMBEDDED.iter().find(|(known, _)| known == name) else {
             let names: Vec<&str> = Scene::EMBEDDED.iter().map(|(known, _)| *known).collect();
@@ -259,6 +263,43 @@ fn simulate(args: &SimulateArgs, program: &Program) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(&scene.name));
     let simulation = Simulation { scene, seeds: args.seed.clone(), out, fcd: args.fcd };
     tell(&gnp::simulate(&simulation, &machine)?, &machine);
+    Ok(())
+}
+
+fn simulate_from(args: &SimulateArgs, dataset: Dataset, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let drivers = match (&args.run, &args.drivers) {
+        (Some(run), _) => ReplayDrivers::Run(run.clone()),
+        (None, Some(site)) => ReplayDrivers::Fitted(site.clone()),
+        (None, None) => ReplayDrivers::Standard,
+    };
+    let of = DriveOn {
+        dataset,
+        data: args.data_dir.clone(),
+        recording: args.recording.clone(),
+        at_s: args.at,
+        seconds: args.seconds,
+        drivers,
+        seeds: if args.seed.is_empty() { vec![0] } else { args.seed.clone() },
+        out: args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("simulated-{dataset}"))),
+        fcd: args.fcd,
+    };
+    tell(&gnp::simulate_from(&of, &machine)?, &machine);
+    Ok(())
+}
+
+fn realism(args: &RealismArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let mut plan = RealismPlan::embedded(args.dataset);
+    plan.data = args.data_dir.clone();
+    plan.runs = args.run.clone();
+    plan.sumo = args.sumo.clone();
+    plan.settings.roll_outs = args.roll_outs.into();
+    let table = gnp::realism(&plan, &machine)?;
+    let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("realism-{}", args.dataset)));
+    gnp::save_realism(&table, &out)?;
+    machine.progress.result(&table.markdown());
+    machine.progress.note(&format!("realism.md, .csv and .json: {}", out.display()));
     Ok(())
 }
 

@@ -58,13 +58,13 @@ pub use crate::explain::{Change, Explained, Question, explain};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
 pub use crate::progress::{Progress, Silent, Stop, Work};
-pub use crate::realism::{RealismPlan, realism};
+pub use crate::realism::{RealismPlan, realism, save_realism};
 pub use crate::report::{Replayed, can_replay, write_replay, write_report};
 pub use crate::run::Run;
 pub use crate::run::folder::{DataState, RunState, Stage};
 pub use crate::stages::Plan;
 pub use crate::tables::{Recipes, ablate, compare};
-pub use crate::traffic::{Measured, Simulation, measure, scene, simulate};
+pub use crate::traffic::{DriveOn, Measured, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};
 pub use gnp_simulation::Scene;
 
 /// The programs of docs/extending.md are compiled and run with the documentation tests.

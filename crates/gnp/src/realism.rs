@@ -4,9 +4,10 @@ mod sumo;
 
 use self::folds::Folds;
 use crate::data::embedded_folder;
-use crate::error::{Result, bail};
+use crate::error::{Context as _, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
+use crate::run::folder::{write, write_json};
 use gnp_data::{Dataset, Expectation, Recording, discover, read};
 use gnp_force::{Driver, Mobil};
 use gnp_simulation::SimulationError;
@@ -16,7 +17,8 @@ use gnp_simulation::replay::{
     ClosedLoop, ConstantVelocity, DrivenBy, Drivers, Learned, Replay, ReplaySettings, RuleDrivers,
 };
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 /// What is compared with what.
 #[derive(Clone, Debug)]
@@ -83,6 +85,17 @@ pub fn realism(plan: &RealismPlan, machine: &Machine) -> Result<Table> {
         table.rows.extend(of_site(plan, recordings, &runs, folds.as_ref(), machine)?.rows);
     }
     Ok(table)
+}
+
+/// Writes a table to a folder: `realism.md`, `realism.csv` and `realism.json`.
+///
+/// # Errors
+/// When the folder cannot be written.
+pub fn save_realism(table: &Table, out: &Path) -> Result<()> {
+    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    write(&out.join("realism.md"), table.markdown().as_bytes())?;
+    write(&out.join("realism.csv"), table.csv().as_bytes())?;
+    write_json(&out.join("realism.json"), table)
 }
 
 /// The rows of a site.

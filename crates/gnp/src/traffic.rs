@@ -1,7 +1,10 @@
 //! `simulate` and `measure`: traffic driven by a scene file, and what traffic engineers measure of that or of recordings.
 
+mod drive_on;
 mod figures;
 mod page;
+
+pub use self::drive_on::{DriveOn, ReplayDrivers, simulate_from};
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write as _};
@@ -105,10 +108,7 @@ fn keep(simulation: &Simulation, simulated: &Simulated, out: &Path, machine: &Ma
     let source = Source { words: format!("scene {}, seed {}", scene.name, simulated.seed), simulated: true };
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let recording = &simulated.recording;
-    to_file(&out.join("tracks.parquet"), |file| Ok(write_parquet(recording, file)?))?;
-    if *fcd {
-        to_file(&out.join("fcd.xml"), |file| Ok(write_fcd(recording, file)?))?;
-    }
+    keep_tracks(recording, out, *fcd)?;
     let mut happenings = String::from("time_s,kind,vehicle,other,from_lane,to_lane\n");
     for it in &simulated.happenings {
         let [from, to] = it.lanes.map_or([String::new(), String::new()], |lanes| lanes.map(|lane| lane.to_string()));
@@ -127,6 +127,15 @@ fn keep(simulation: &Simulation, simulated: &Simulated, out: &Path, machine: &Ma
         counts.contacts
     );
     measure_one(recording, course, settings, &source, out, &words, Some(counts), machine)
+}
+
+/// Writes where everybody was, for other programs.
+fn keep_tracks(recording: &Recording, out: &Path, fcd: bool) -> Result<()> {
+    to_file(&out.join("tracks.parquet"), |file| Ok(write_parquet(recording, file)?))?;
+    if fcd {
+        to_file(&out.join("fcd.xml"), |file| Ok(write_fcd(recording, file)?))?;
+    }
+    Ok(())
 }
 
 /// Measures recordings, real or simulated, as [`simulate`] measures what it drove: each into a folder of its own.

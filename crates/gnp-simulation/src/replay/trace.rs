@@ -1,4 +1,7 @@
 //! Where everybody was: of a system, or as recorded.
+use super::Scene;
+use crate::error::SimulationError;
+use gnp_data::{Recording, RecordingMeta, Road, Rows, VehicleBody};
 use gnp_force::State;
 
 /// A course of a scene, one path an actor, in the order of [`Scene::actors`](super::Scene::actors).
@@ -37,5 +40,37 @@ impl Path {
     #[must_use]
     pub fn end(&self) -> usize {
         self.first + self.states.len()
+    }
+}
+
+impl Trace {
+    /// The course as a recording that says it was simulated: frame 0 is the start, vehicles have the numbers of the file, lanes
+    /// count from the left, 1 leftmost.
+    ///
+    /// # Errors
+    /// When nobody was ever there.
+    pub fn recording(&self, scene: &Scene, name: &str) -> Result<Recording, SimulationError> {
+        let road = Road { driving_direction: 2, lines: scene.lines.clone(), fitted: false };
+        let lanes = scene.lines.len().saturating_sub(1).max(1);
+        let mut rows = Rows::new(Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut velocity = [Vec::new(), Vec::new()];
+        let mut bodies = Vec::new();
+        for (actor, path) in scene.actors.iter().zip(&self.paths) {
+            let [length, width] = actor.size;
+            for (frame, state) in (path.first..).zip(&path.states) {
+                rows.vehicle.push(actor.vehicle);
+                rows.frame.push(frame as u32);
+                rows.x.push(state.position.x as f32);
+                rows.y.push(state.position.y as f32);
+                rows.lane.push((lanes - scene.lane_at(state.position.y).min(lanes - 1)) as i16);
+                velocity[0].push(state.velocity.x as f32);
+                velocity[1].push(state.velocity.y as f32);
+                bodies.push(VehicleBody { class: actor.class, length, width, road: 0 });
+            }
+        }
+        rows.velocity = Some(velocity);
+        let meta = RecordingMeta::new(scene.dataset, scene.site.as_str(), name, scene.rate_hz).with_simulated(true);
+        let (recording, _) = Recording::from_rows(meta, vec![road], rows, |row| bodies[row])?;
+        Ok(recording)
     }
 }
