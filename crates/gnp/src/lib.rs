@@ -58,7 +58,7 @@ pub use crate::explain::{Change, Explained, Question, explain};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
 pub use crate::progress::{Progress, Silent, Stop, Work};
-pub use crate::realism::{RealismPlan, realism, save_realism};
+pub use crate::realism::{RealismPlan, realism, realism_text, save_realism};
 pub use crate::report::{Replayed, can_replay, write_replay, write_report};
 pub use crate::run::Run;
 pub use crate::run::folder::{DataState, RunState, Stage};

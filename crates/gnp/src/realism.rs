@@ -17,6 +17,7 @@ use gnp_simulation::replay::{
     ClosedLoop, ConstantVelocity, DrivenBy, Drivers, Learned, Replay, ReplaySettings, RuleDrivers,
 };
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -96,6 +97,32 @@ pub fn save_realism(table: &Table, out: &Path) -> Result<()> {
     write(&out.join("realism.md"), table.markdown().as_bytes())?;
     write(&out.join("realism.csv"), table.csv().as_bytes())?;
     write_json(&out.join("realism.json"), table)
+}
+
+/// A few columns of a table, for the terminal.
+#[must_use]
+pub fn realism_text(table: &Table) -> String {
+    let mut text = String::new();
+    for rows in table.rows.chunk_by(|a, b| (&a.site, a.simulated) == (&b.site, b.simulated)) {
+        let Some(first) = rows.first() else { continue };
+        let simulated = if first.simulated { ", simulated" } else { "" };
+        let (site, scenes, vehicles) = (&first.site, first.scenes, first.vehicles);
+        let _ = writeln!(text, "\n{site}{simulated}: {scenes} scenes, {vehicles} scored vehicles");
+        let horizons = first.horizons.iter().map(|it| format!("{:>8}", format!("{:.0} s", it.horizon_s)));
+        let horizons: String = horizons.collect();
+        let _ = writeln!(text, "{:<52}{horizons}  realism  contacts", "mean displacement, m, over the first");
+        for row in rows {
+            let name = format!("{}{}", row.system, if row.uses_future { " *" } else { "" });
+            let ade: String = row.horizons.iter().map(|it| format!("{:8.2}", it.ade.mean)).collect();
+            let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
+            let (realism, contacts) = (number(row.realism.map(|it| it.mean)), number(row.contacts_per_vehicle_h));
+            let _ = writeln!(text, "{name:<52}{ade}{realism:>9}{contacts:>10}");
+        }
+    }
+    text.push_str(
+        "\nContacts: of driven vehicles, a vehicle-hour. * uses what the vehicles did after the start: no forecast\n",
+    );
+    text
 }
 
 /// The rows of a site.
