@@ -114,7 +114,7 @@ Examples:
   gnp simulate ring                            a scene that comes with the program: ring, lane-drop, motorway
   gnp simulate --print lane-drop > my.toml     a scene to start from
   gnp simulate my.toml --out runs/my --seed 1 --seed 2 --fcd
-  gnp simulate --dataset ngsim --recording us101-24_1 --drivers us-101     drive on from a recorded scene
+  gnp simulate --dataset ngsim --recording us101-24_1 --fitted     drive on from a recorded scene
   gnp simulate --dataset ngsim --run runs/ngsim                            with a trained run as driver
 
 Writes to --out the scene, tracks.parquet, happenings.csv, detectors.csv, cells.csv, conflicts.csv, summary.json, figures
@@ -360,23 +360,24 @@ pub struct SimulateArgs {
     #[arg(long, value_parser = dataset, value_name = "NAME", conflicts_with = "scene")]
     pub(crate) dataset: Option<Dataset>,
     /// Folder (or file) of recordings [default: those embedded in the project].
-    #[arg(long, value_name = "DIR", requires = "dataset")]
+    #[arg(long, value_name = "DIR", requires = "dataset", conflicts_with = "scene")]
     pub(crate) data_dir: Option<PathBuf>,
     /// Which recording [default: the one with most rows].
-    #[arg(long, value_name = "NAME", requires = "dataset")]
+    #[arg(long, value_name = "NAME", requires = "dataset", conflicts_with = "scene")]
     pub(crate) recording: Option<String>,
     /// When to start, s after the first frame that has 3 s of past.
-    #[arg(long, value_name = "SECONDS", default_value_t = 0., requires = "dataset")]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0., requires = "dataset", conflicts_with = "scene")]
     pub(crate) at: f64,
     /// How long to drive at most, s; no longer than is recorded.
-    #[arg(long, value_name = "SECONDS", default_value_t = 30., requires = "dataset")]
+    #[arg(long, value_name = "SECONDS", default_value_t = 30., requires = "dataset", conflicts_with = "scene")]
     pub(crate) seconds: f64,
-    /// Draw drivers fitted to a site (us-101, i-80, highd-simulated), those more often who explain the 3 s before the start
+    /// Draw drivers fitted to the other vehicles of the site, those more often who explain the 3 s before the start
     /// [default: standard drivers of the intelligent driver model].
-    #[arg(long, value_name = "SITE", requires = "dataset", conflicts_with = "run")]
-    pub(crate) drivers: Option<String>,
-    /// Drive with a trained run, which predicts anew every half second and draws among its futures.
-    #[arg(long, value_name = "DIR", requires = "dataset")]
+    #[arg(long, requires = "dataset", conflicts_with_all = ["scene", "run"])]
+    pub(crate) fitted: bool,
+    /// Drive with a trained run, which predicts anew every half second and draws among its futures; one that was trained on
+    /// these vehicles is not tested by that.
+    #[arg(long, value_name = "DIR", requires = "dataset", conflicts_with = "scene")]
     pub(crate) run: Option<PathBuf>,
     /// On what.
     #[command(flatten)]

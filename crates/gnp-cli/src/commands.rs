@@ -268,10 +268,10 @@ fn simulate(args: &SimulateArgs, program: &Program) -> Result<()> {
 
 fn simulate_from(args: &SimulateArgs, dataset: Dataset, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let drivers = match (&args.run, &args.drivers) {
-        (Some(run), _) => ReplayDrivers::Run(run.clone()),
-        (None, Some(site)) => ReplayDrivers::Fitted(site.clone()),
-        (None, None) => ReplayDrivers::Standard,
+    let drivers = match &args.run {
+        Some(run) => ReplayDrivers::Run(run.clone()),
+        None if args.fitted => ReplayDrivers::Fitted,
+        None => ReplayDrivers::Standard,
     };
     let of = DriveOn {
         dataset,

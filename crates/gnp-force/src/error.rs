@@ -26,6 +26,13 @@ pub enum ForceError {
         /// The vehicle that is there.
         id: VehicleId,
     },
+    /// A vehicle was to be put where its lane is closed, or beyond the end of the road.
+    Closed {
+        /// Its place along the road, in m.
+        x: f64,
+        /// The lane, 0 the rightmost.
+        lane: usize,
+    },
     /// A vehicle was to be put beside the road.
     OffRoad {
         /// Its lateral position, in m.
@@ -56,6 +63,9 @@ impl fmt::Display for ForceError {
             }
             Self::Occupied { id } => {
                 write!(f, "vehicle {id} is there: add it elsewhere, or by `Simulator::place` if it was recorded so")
+            }
+            Self::Closed { x, lane } => {
+                write!(f, "at {x} m lane {lane} is closed or the road has ended: add the vehicle elsewhere")
             }
             Self::OffRoad { y } => {
                 write!(f, "y = {y} m is beside the road: add it between the outermost lines, or by `Simulator::place`")

@@ -99,7 +99,18 @@ pub use crate::{
 /// The linear algebra of this crate, under a name that does not stand in the way of one's own `nalgebra`.
 pub use nalgebra as na;
 
-/// The README's program is compiled and run with the documentation tests.
+/// The README's programs are compiled and run with the documentation tests.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;
+
+/// All names of this crate stand beside one's own nalgebra.
+///
+/// ```
+/// use gnp_force::*;
+/// use nalgebra::Point2;
+/// let state: State<f64> = State::new(1.0, 2.0, 3.0, 0.0);
+/// assert_eq!(state.position, Point2::new(1.0, 2.0));
+/// ```
+#[cfg(doctest)]
+struct Glob;

@@ -192,9 +192,11 @@ impl<T: RealField + Copy> Road<T> {
     /// Whether `y` m is between the outermost lines; always so on a road without lines.
     #[must_use]
     pub fn contains(&self, y: T) -> bool {
-        match (self.lines.first(), self.lines.last()) {
-            (Some(right), Some(left)) => right.y <= y && y <= left.y,
-            _ => true,
+        match self.lines.as_slice() {
+            [] => true,
+            // A single line has the road on one side.
+            [line] => line.kind == MarkingKind::LaneDivider || (line.road == Side::Left) == (y >= line.y),
+            [right, .., left] => right.y <= y && y <= left.y,
         }
     }
 
@@ -285,6 +287,8 @@ mod tests {
         assert_eq!([0, 1, 2, 3].map(|lane| road.lane_centre(lane)), [Some(2.0), Some(6.0), Some(10.0), None]);
         assert_eq!((Road::<f64>::open().lanes(), Road::<f64>::open().lane_at(99.0)), (1, 0));
         assert_eq!([-0.1, 0.0, 12.0, 12.1].map(|y| road.contains(y)), [false, true, true, false]);
+        let edge = Line { kind: MarkingKind::Boundary, y: 1.0, road: Side::Left, k: 0.3 };
+        assert_eq!([0.9, 1.1, 50.0].map(|y| Road::new(vec![edge]).unwrap().contains(y)), [false, true, true]);
     }
 
     #[test]

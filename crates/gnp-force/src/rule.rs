@@ -184,7 +184,9 @@ pub struct Reach {
 ///
 ///     fn push(&self, me: &Ego<T>, other: &Other<T>) -> Vector2<T> {
 ///         let near = me.separation_from(other).ahead < me.state.velocity.x;
-///         Vector2::new(if near { -me.limits.braking } else { T::zero() }, T::zero())
+///         // What the push adds to the free acceleration makes a full braking.
+///         let free = PairRule::<T>::free(self, me);
+///         Vector2::new(if near { -me.limits.braking - free } else { T::zero() }, T::zero())
 ///     }
 /// }
 /// ```
@@ -198,7 +200,7 @@ pub trait PairRule<T: RealField + Copy>: Clone + fmt::Debug + Send + Sync {
         me.limits.along((me.wish - me.state.velocity.x) / me.tau)
     }
 
-    /// What the presence of `other` adds to the acceleration, in m/s².
+    /// What the presence of `other` adds to the acceleration on an empty road, in m/s².
     fn push(&self, me: &Ego<T>, other: &Other<T>) -> Vector2<T>;
 
     /// Acceleration along the road behind `leader`, or behind nobody, in m/s², within the limits: what a decision to

@@ -123,8 +123,13 @@ struct Status<T> {
     noise: T,
     /// Step at which the driver last decided to change lanes.
     changed: Option<u64>,
-    /// Where the vehicle was before the last step, in m; where it is for one that has not moved yet.
+    /// Where the vehicle was after the last step but one and after the last, in m, whatever a program did since; where it
+    /// is for one that has not moved yet.
     before: T,
+    after: T,
+    /// Whether a program gave it a drive since the last step.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    given_drive: bool,
 }
 
 impl<T: RealField + Copy> Simulator<T> {
@@ -171,6 +176,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// - [`ForceError::Value`] when a number of the vehicle is not finite, a size is negative, tau is below one step, the
     ///   desired speed above the highest, a goal due already, or the rule refuses its parameters.
     /// - [`ForceError::OffRoad`] when its centre is beyond the outermost lines.
+    /// - [`ForceError::Closed`] when its lane is closed there, or the road has ended before.
     /// - [`ForceError::Occupied`] when it would touch another vehicle.
     ///
     /// Recorded vehicles may be where they cannot be: see [`Simulator::place`].
@@ -180,10 +186,21 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         if !self.road.contains(y) {
             return Err(ForceError::OffRoad { y: y.to_subset_unchecked() });
         }
+        self.check_place(&vehicle)?;
         if let Some(id) = self.touching(&vehicle) {
             return Err(ForceError::Occupied { id });
         }
         self.place(vehicle)
+    }
+
+    /// Refuses a place on a closed stretch or beyond the end of the road.
+    fn check_place(&self, vehicle: &Vehicle<T, R>) -> Result<(), ForceError> {
+        let (x, lane) = (vehicle.state.position.x, self.road.lane_at(vehicle.state.position.y));
+        let closed = |closure: &crate::Closure<T>| closure.lane == lane && self.is_beside(vehicle, closure, T::zero());
+        if self.road.closures().iter().any(closed) || self.road.end().is_some_and(|end| x > end) {
+            return Err(ForceError::Closed { x: x.to_subset_unchecked(), lane });
+        }
+        Ok(())
     }
 
     /// Puts a vehicle anywhere, also beside the road and on top of another, as recordings have them. What it touches
@@ -198,7 +215,8 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let id = VehicleId(self.next_id);
         self.next_id += 1;
         self.ids.push(id);
-        self.statuses.push(Status { noise: T::zero(), changed: None, before: vehicle.state.position.x });
+        let x = vehicle.state.position.x;
+        self.statuses.push(Status { noise: T::zero(), changed: None, before: x, after: x, given_drive: false });
         self.vehicles.push(vehicle);
         self.order.insert(&self.vehicles, &self.road);
         Ok(id)
@@ -254,6 +272,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let index = self.index(id)?;
         self.fastest = self.fastest.max(drive.fastest());
         self.vehicles[index].drive = drive;
+        self.statuses[index].given_drive = true;
         self.order.aimed(index, &self.vehicles, &self.road);
         Ok(())
     }
@@ -349,6 +368,11 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         };
         let ([ahead, behind], [left_ahead, left_behind], [right_ahead, right_behind]) = (find(0), find(1), find(-1));
         Ok(Surroundings { ahead, behind, left_ahead, left_behind, right_ahead, right_behind })
+    }
+
+    /// Whether a program gave a vehicle a drive since the last step.
+    fn was_given_a_drive(&self, id: VehicleId) -> bool {
+        self.index(id).is_ok_and(|index| self.statuses[index].given_drive)
     }
 
     /// All states, in the order of [`Simulator::vehicles`].

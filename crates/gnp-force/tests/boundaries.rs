@@ -1,8 +1,8 @@
 //! Where traffic enters, leaves and is narrowed: nobody is lost, nobody enters into a contact, a lane drop is passed.
 #![allow(clippy::unwrap_used, reason = "a test that cannot build its scene has failed")]
 use gnp_force::{
-    Detector, Drive, Driver, Event, Extent, Headways, Idm, Inflow, Mobil, MotorwayRule, Obstacle, Road, Rule,
-    Simulator, SimulatorParams, State, Vehicle, VehicleId,
+    Detector, Drive, Driver, Event, Extent, ForceError, Headways, Idm, Inflow, Mobil, MotorwayRule, Obstacle, Road,
+    Rule, Simulator, SimulatorParams, State, Vehicle, VehicleId,
 };
 use std::collections::BTreeMap;
 
@@ -203,4 +203,34 @@ fn a_closure_passed_at_speed_is_a_contact_and_nothing_worse() {
     assert_eq!(contacts, [(placed, 0), (blind, 0)], "once each");
     assert_eq!(scene.contacts().len(), 0, "both are past it");
     assert!([placed, blind].iter().all(|id| scene.vehicle(*id).unwrap().state.position.x > 150.0));
+}
+
+#[test]
+fn nobody_is_put_where_nobody_can_drive() {
+    let road = Road::motorway(2, 3.75).unwrap().ending_at(1000.0).unwrap().closing(1, 300.0, 400.0).unwrap();
+    let mut scene = Simulator::new(SimulatorParams::motorway(0.1), road).unwrap();
+    let car = |x: f64, y: f64| Vehicle::car(State::new(x, y, 20.0, 0.0), Drive::Cruise { speed: 20.0, y });
+    for (x, y) in [(350.0, 5.625), (299.0, 5.625), (402.0, 5.625), (1000.1, 1.875)] {
+        assert!(matches!(scene.add(car(x, y)), Err(ForceError::Closed { .. })), "{x}, {y}");
+        assert!(matches!(scene.enter(car(x, y)), Err(ForceError::Closed { .. })), "{x}, {y}");
+    }
+    assert!(scene.add(car(350.0, 1.875)).is_ok() && scene.add(car(290.0, 5.625)).is_ok());
+    assert!(Inflow::new(1e6, Headways::Even, 0).is_err() && Inflow::new(-1.0, Headways::Even, 0).is_err());
+}
+
+#[test]
+fn a_detector_counts_vehicles_that_are_moved_from_outside_once() {
+    let mut scene = Simulator::new(SimulatorParams::motorway(0.1), Road::motorway(1, 3.75).unwrap()).unwrap();
+    let id = scene.add(Vehicle::car(State::new(0.0, 1.875, 20.0, 0.0), Drive::Steady)).unwrap();
+    let [mut moving, mut standing] = [Detector::new(50.0), Detector::new(20.1)];
+    for step in 0..60 {
+        // Positions off by up to 0.3 m either way, as recorded ones are; velocities in the first half only.
+        let off = [0.3, -0.3, 0.0][step % 3];
+        let v = if step > 15 { 20.0 } else { 0.0 };
+        scene.set_state(id, State::new(2.0 * step as f64 + off, 1.875, v, 0.0)).unwrap();
+        scene.step();
+        moving.watch(&scene);
+        standing.watch(&scene);
+    }
+    assert_eq!((moving.passages().len(), standing.passages().len()), (1, 1));
 }

@@ -91,12 +91,24 @@ impl<'a> Traffic<'a> {
     /// [`MeasureError::NoTime`] with fewer than two frames; [`MeasureError::Setting`] for a circumference that is not
     /// positive.
     pub fn new(recording: &'a Recording, course: Course) -> Result<Self, MeasureError> {
+        let tracks = recording.tracks();
+        let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
+        let last = tracks.iter().map(Track::last_frame).max().unwrap_or(0);
+        Self::over(recording, course, [first, last])
+    }
+
+    /// As [`Traffic::new`], over the time from one frame to another, in which nobody may be there at first and at last. Frames
+    /// with vehicles before and after them count all the same.
+    ///
+    /// # Errors
+    /// As [`Traffic::new`].
+    pub fn over(recording: &'a Recording, course: Course, span: [u32; 2]) -> Result<Self, MeasureError> {
         if let Course::Ring { circumference } = course {
             MeasureError::positive("circumference", circumference)?;
         }
         let tracks = recording.tracks();
-        let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
-        let last = tracks.iter().map(Track::last_frame).max().unwrap_or(0);
+        let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(span[0]).min(span[0]);
+        let last = tracks.iter().map(Track::last_frame).max().unwrap_or(span[1]).max(span[1]);
         if last <= first {
             return Err(MeasureError::NoTime { recording: recording.meta().name.clone() });
         }

@@ -225,8 +225,8 @@ const CONTROLS: &str = r#"<section>
 <div id="status" role="status"></div>
 <canvas id="chart" role="img" aria-label="Parameters of the forces over the forecast"></canvas>
 <div id="tip" hidden></div>
-<p class="keys">Keys: space plays; arrows step, with shift by a second; N and P pick the next and the previous vehicle; F forces<span id="terms"></span>, M futures (the prediction dark red, others green), B neighbours; + and − zoom; Home and End.
-A vehicle under the pointer shows its numbers. The dashed box is where the forecast has the vehicle now. An address that ends in <code>#t=12.5&amp;vehicle=7</code> opens that moment.</p>
+<p class="keys">Keys: space plays; arrows step, with shift by a second; N and P pick the next and the previous vehicle; <span class="forecast">F forces<span id="terms"></span>, M futures (the prediction dark red, others green), B neighbours; </span>+ and − zoom; Home and End.
+A vehicle under the pointer shows its numbers. <span class="forecast">The dashed box is where the forecast has the vehicle now. </span>An address that ends in <code>#t=12.5&amp;vehicle=7</code> opens that moment.</p>
 </div>
 </section>
 "#;

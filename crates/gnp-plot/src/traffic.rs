@@ -98,7 +98,8 @@ fn read_from(diagram: &FlowDensity) -> Vec<String> {
     let mut words = Vec::new();
     words.extend(diagram.free_speed.map(|free| format!("free speed {:.0} km/h", free * KMH)));
     words.extend(diagram.capacity.map(|capacity| format!("capacity {capacity:.0} vehicles/h a lane")));
-    let congested = |[wave, jam]: [f64; 2]| format!("waves {:.1} km/h upstream, jam {jam:.0} vehicles/km", wave * KMH);
+    let congested =
+        |[wave, jam]: [f64; 2]| format!("congested branch: slope {:.1} km/h, jam {jam:.0} vehicles/km", wave * KMH);
     let congested = diagram.congested.map_or_else(|| "no congested branch".to_owned(), congested);
     [words.join(", "), congested].into_iter().filter(|line| !line.is_empty()).collect()
 }

@@ -87,7 +87,7 @@ fn points_and_branches_lie_where_they_are() {
     assert_eq!(congested[0], free[1]);
     assert!((value(path("capacity")[0])[1] - 2100.).abs() < 8.);
     assert!(figures(false)[0].svg.contains("free speed 108 km/h, capacity 2100 vehicles/h a lane"));
-    assert!(figures(false)[0].svg.contains("waves 18.0 km/h upstream, jam 140 vehicles/km"));
+    assert!(figures(false)[0].svg.contains("congested branch: slope 18.0 km/h, jam 140 vehicles/km"));
 }
 
 #[test]

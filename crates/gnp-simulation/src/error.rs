@@ -73,6 +73,12 @@ pub enum SimulationError {
     /// Fitted drivers cannot be used.
     #[error(transparent)]
     Drivers(#[from] crate::drivers::DriverError),
+    /// Nobody was ever on the road.
+    #[error("nobody was on the road in {seconds} s: give more inflow, or vehicles at the start")]
+    Nobody {
+        /// How long, s.
+        seconds: f64,
+    },
     /// A file could not be read.
     #[error("cannot read {path}: {source}")]
     Read {

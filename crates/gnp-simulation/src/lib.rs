@@ -22,3 +22,8 @@ pub use crate::{
     run::{Counts, Happening, Kind, Simulated},
     scene::{ClosureSpec, DriverSpec, InflowSpec, RoadSpec, Scene, SpeedLimit, Spread, StartSpec},
 };
+
+/// The README's programs are compiled and run with the documentation tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

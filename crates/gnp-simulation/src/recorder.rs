@@ -73,7 +73,7 @@ impl Recorder {
     /// The recording.
     ///
     /// # Errors
-    /// When no vehicle was ever there.
+    /// When the rows make no recording.
     pub fn finish(mut self) -> Result<Recording, SimulationError> {
         self.rows.velocity = Some(self.velocity);
         self.rows.neighbours = NeighbourSource::Lanes(|lane| lane);

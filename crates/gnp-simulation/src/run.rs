@@ -5,13 +5,15 @@ use self::drivers::Cast;
 use crate::{
     error::SimulationError,
     recorder::Recorder,
-    scene::{InflowSpec, Scene},
+    scene::{ClosureSpec, InflowSpec, Scene},
 };
 use gnp_data::Recording;
 use gnp_force::{Drive, Event, Inflow, Obstacle, Road, Simulator, SimulatorParams, State, VehicleId};
 use serde::Serialize;
 use std::{collections::BTreeMap, ops::ControlFlow};
 
+/// Nobody enters a lane that is closed within so many metres.
+const ENTRY_M: f64 = 100.0;
 /// Least gap between vehicles at the start, m.
 const LEAST_GAP_M: f64 = 0.5;
 /// Time between looks at the speed limits, s.
@@ -29,6 +31,8 @@ pub struct Simulated {
     pub happenings: Vec<Happening>,
     /// How many.
     pub counts: Counts,
+    /// Frames that were recorded, also those in which nobody was there.
+    pub frames: u32,
 }
 
 /// Something that happened.
@@ -84,8 +88,10 @@ pub struct Counts {
     pub remain: u64,
     /// Wanted to enter and found no room to the end.
     pub waiting: u64,
-    /// Contacts that began.
+    /// Contacts of two vehicles that began.
     pub contacts: u64,
+    /// Vehicles that ran into the end of their lane.
+    pub lane_ends: u64,
     /// Changes of lanes.
     pub lane_changes: u64,
 }
@@ -138,7 +144,15 @@ impl Scene {
         let Traffic { scene, inflows, happenings, mut counts, .. } = traffic;
         counts.remain = scene.vehicles().len() as u64;
         counts.waiting = inflows.iter().map(Inflow::waiting).sum();
-        Ok(Simulated { seed, recording: recorder.finish()?, happenings, counts })
+        let frames = recorder.frames();
+        if counts.started + counts.entered == 0 {
+            return Err(SimulationError::Nobody { seconds: self.warm_up_s + self.duration_s });
+        }
+        let recording = recorder.finish()?;
+        if recording.is_empty() {
+            return Err(SimulationError::Nobody { seconds: self.duration_s });
+        }
+        Ok(Simulated { seed, recording, happenings, counts, frames })
     }
 
     /// Steps in `seconds`.
@@ -230,10 +244,16 @@ impl<'a> Traffic<'a> {
             }
         }
         for lane in 0..self.inflows.len() {
+            let begins_closed = |closure: &ClosureSpec| closure.lane == lane && closure.from_m < ENTRY_M;
+            if self.spec.road.closures.iter().any(begins_closed) {
+                continue;
+            }
             let Some(y) = self.scene.road().lane_centre(lane) else { continue };
             let cast = &self.cast;
+            // Those of the start were numbered before.
+            let started = self.spec.start.map_or(0, |start| start.vehicles as u64);
             let make = |number| {
-                let mut vehicle = cast.vehicle(lane, number, State::new(0.0, y, 0.0, 0.0));
+                let mut vehicle = cast.vehicle(lane, started + number, State::new(0.0, y, 0.0, 0.0));
                 if let Drive::Cruise { speed, .. } = vehicle.drive {
                     vehicle.state.velocity.x = speed;
                 }
@@ -281,6 +301,7 @@ impl<'a> Traffic<'a> {
                     self.counts.left += 1;
                     self.wishes.remove(&id);
                 }
+                Kind::Contact if other == Some(0) => self.counts.lane_ends += 1,
                 Kind::Contact => self.counts.contacts += 1,
                 Kind::LaneChange => self.counts.lane_changes += 1,
                 Kind::Entered => {}

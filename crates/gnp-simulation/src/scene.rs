@@ -128,7 +128,7 @@ pub struct ClosureSpec {
 pub struct DriverSpec {
     /// What it is called.
     pub name: String,
-    /// How many of all vehicles are of this kind, in proportion to the others.
+    /// How many of those who enter a lane are of this kind, in proportion to the others that enter it.
     #[serde(default = "share")]
     pub share: f64,
     /// Lanes in which it enters; all without.
@@ -278,6 +278,16 @@ impl Scene {
         within("road.lanes", road.lanes as f64, 1.0, MOST[1] as f64)?;
         within("road.lane_width_m", road.lane_width_m, 2.0, 10.0)?;
         within("road.length_m", road.length_m, 20.0, 1e6)?;
+        let frames = self.duration_s * self.record_hz;
+        require(frames >= 2.0, "duration_s", self.duration_s, "two recorded frames or more")?;
+        for (number, closure) in road.closures.iter().enumerate() {
+            let key = |part: &str| format!("road.closures.{part} (number {number})");
+            let lane = closure.lane < road.lanes;
+            require(lane, &key("lane"), closure.lane, &format!("below {}, 0 the rightmost", road.lanes))?;
+            within(&key("from_m"), closure.from_m, 0.0, road.length_m)?;
+            // One that goes on to the end of the road may do so by a little more.
+            within(&key("to_m"), closure.to_m, closure.from_m, road.length_m + 100.0)?;
+        }
         for x in &self.detectors_m {
             within("detectors_m", *x, 0.0, road.length_m)?;
         }
@@ -287,7 +297,8 @@ impl Scene {
             let enters =
                 |kind: &DriverSpec| kind.share > 0.0 && kind.lanes.as_ref().is_none_or(|lanes| lanes.contains(&lane));
             let somebody = self.drivers.iter().any(enters);
-            require(somebody, "drivers.lanes", format!("no kind for lane {lane}"), "one kind or more for every lane")?;
+            let lacks = format!("without a kind that enters lane {lane}");
+            require(somebody, "drivers", lacks, "given for every lane")?;
         }
         if self.inflow.is_none() && self.start.is_none() {
             return require(false, "inflow", "absent, as is `start`", "there, or nobody ever drives");
@@ -308,6 +319,8 @@ impl Scene {
             require(grows, "inflow.flow", "not in the order of time", "pairs with growing times")?;
         }
         if let Some(start) = &self.start {
+            let open = road.closures.is_empty();
+            require(open, "start", "there", "absent where a lane is closed: let vehicles enter")?;
             within("start.vehicles", start.vehicles as f64, 0.0, MOST[0] as f64)?;
             within("start.speed_mps", start.speed_mps, 0.0, 70.0)?;
             within("start.first_off_m", start.first_off_m, -1000.0, 1000.0)?;

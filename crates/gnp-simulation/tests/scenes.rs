@@ -43,7 +43,7 @@ fn what_cannot_be_is_refused_with_its_key() {
         (flow, "flow = [[0, 1e9]]", "`inflow.flow` is 1000000000"),
         ("length_m = 1000", "length_m = 1000\nring = true", "absent on a ring"),
         ("lanes = [0]", "lanes = [2]", "drivers.lanes (lorry)"),
-        ("share = 4", "share = 4\nlanes = [0]", "no kind for lane 1"),
+        ("share = 4", "share = 4\nlanes = [0]", "without a kind that enters lane 1"),
         ("share = 4", "fitted = \"nowhere\"", "nowhere"),
         ("sigma = 0.1", "sigma = -0.1", "sigma"),
         ("detectors_m = [500]", "detectors_m = [5000]", "`detectors_m` is 5000"),

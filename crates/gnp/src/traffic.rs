@@ -25,6 +25,8 @@ use crate::run::folder::{write, write_json};
 
 /// Time steps of a cell are at least this, s, and cells at least this long, m: smaller ones hold single vehicles.
 const LEAST_CELL: [f64; 2] = [5., 20.];
+/// Four times the speed of waves, m/s.
+const WAVE_SPEED: f64 = 20.;
 /// How many cells of a section there are along the road and over time, at least.
 const CELLS: f64 = 40.;
 
@@ -75,7 +77,8 @@ pub fn simulate(simulation: &Simulation, machine: &Machine) -> Result<Vec<Measur
     let Simulation { scene, out, .. } = simulation;
     let seeds = if simulation.seeds.is_empty() { &scene.seeds } else { &simulation.seeds };
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    write(&out.join("scene.toml"), toml::to_string(scene)?.as_bytes())?;
+    let driven = Scene { seeds: seeds.clone(), ..scene.clone() };
+    write(&out.join("scene.toml"), toml::to_string(&driven)?.as_bytes())?;
     let mut all = Vec::new();
     for &seed in seeds {
         let place = if seeds.len() > 1 { out.join(format!("seed-{seed}")) } else { out.clone() };
@@ -117,8 +120,13 @@ fn keep(simulation: &Simulation, simulated: &Simulated, out: &Path, machine: &Ma
     }
     write(&out.join("happenings.csv"), happenings.as_bytes())?;
     let counts = &simulated.counts;
+    let since = if scene.warm_up_s > 0. { "; from the start of the warm-up" } else { "" };
+    let ends = match counts.lane_ends {
+        0 => String::new(),
+        some => format!(", {some} vehicles ran into the end of their lane"),
+    };
     let words = format!(
-        "{} vehicles entered, {} left, {} are on the road, {} wait to enter; {} lane changes, {} contacts",
+        "{} vehicles entered, {} left, {} are on the road, {} wait to enter; {} lane changes, {} contacts{ends}{since}",
         counts.started + counts.entered,
         counts.left,
         counts.remain,
@@ -126,11 +134,28 @@ fn keep(simulation: &Simulation, simulated: &Simulated, out: &Path, machine: &Ma
         counts.lane_changes,
         counts.contacts
     );
-    measure_one(recording, course, settings, &source, out, &words, Some(counts), machine)
+    let traffic = Traffic::over(recording, course, [0, simulated.frames.saturating_sub(1)])?;
+    measure_one(&traffic, settings, &source, out, &words, Some(counts), machine)
+}
+
+/// Takes away what an earlier simulation or measurement wrote: not all of it is written each time.
+fn clear(out: &Path) -> Result<()> {
+    let figures = figures::NAMES.iter().flat_map(|name| ["svg", "png"].map(|kind| format!("figures/{name}.{kind}")));
+    for name in figures.chain(["fcd.xml".to_owned()]) {
+        let path = out.join(name);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove {}", path.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Writes where everybody was, for other programs.
 fn keep_tracks(recording: &Recording, out: &Path, fcd: bool) -> Result<()> {
+    clear(out)?;
     to_file(&out.join("tracks.parquet"), |file| Ok(write_parquet(recording, file)?))?;
     if fcd {
         to_file(&out.join("fcd.xml"), |file| Ok(write_fcd(recording, file)?))?;
@@ -157,16 +182,16 @@ pub fn measure(config: &RunConfig, data_dir: Option<&Path>, out: &Path, machine:
         work.at(done as u64, &meta.name);
         let source = Source { words: format!("{}, {}", meta.name, meta.site), simulated: meta.simulated };
         let folder = out.join(&meta.name);
-        all.push(measure_one(recording, Course::Open, Settings::default(), &source, &folder, "", None, machine)?);
+        clear(&folder)?;
+        let traffic = Traffic::new(recording, Course::Open)?;
+        all.push(measure_one(&traffic, Settings::default(), &source, &folder, "", None, machine)?);
     }
     Ok(all)
 }
 
 /// Measures a recording and writes tables, figures and a page.
-#[expect(clippy::too_many_arguments, reason = "each is said once, by two callers")]
 fn measure_one(
-    recording: &Recording,
-    course: Course,
+    traffic: &Traffic<'_>,
     mut settings: Settings,
     source: &Source,
     out: &Path,
@@ -175,18 +200,20 @@ fn measure_one(
     machine: &Machine,
 ) -> Result<Measured> {
     machine.stop.check()?;
-    let traffic = Traffic::new(recording, course)?;
+    let recording = traffic.recording();
     let longest = (0..recording.roads().len() as u16).filter_map(|road| traffic.extent(road));
     let length = longest.map(|[from, to]| to - from).fold(0., f64::max);
-    settings.cells.t = settings.cells.t.min(traffic.duration_s() / CELLS).max(LEAST_CELL[0]);
+    // A wave that runs once around a small ring must not vanish in a cell.
+    let pass = length / WAVE_SPEED;
+    settings.cells.t = settings.cells.t.min(traffic.duration_s() / CELLS).min(pass).max(LEAST_CELL[0]);
     settings.cells.x = settings.cells.x.min(length / CELLS).max(LEAST_CELL[1]);
-    let summary = Summary::of(&traffic, &settings)?;
+    let summary = Summary::of(traffic, &settings)?;
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     table(&out.join("detectors.csv"), detector_rows(&summary))?;
     table(&out.join("cells.csv"), cell_rows(&summary))?;
     table(&out.join("conflicts.csv"), event_rows(&summary))?;
     write_json(&out.join("summary.json"), &without_rows(&summary, counts)?)?;
-    let figures = figures::all(recording, &traffic, &summary, source)?;
+    let figures = figures::all(recording, traffic, &summary, source)?;
     crate::figures::save(&figures, &out.join("figures"))?;
     let page = page::page(recording, &summary, figures, source, words)?;
     write(&out.join("report.html"), page.html()?.as_bytes())?;

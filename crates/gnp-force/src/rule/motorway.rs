@@ -23,7 +23,7 @@ use nalgebra::{RealField, Vector2};
 ///
 /// **Range.** With [`MotorwayRule::standard`], steps up to 0.2 s, speeds up to 50 m/s and a wish up to 20 m/s above the
 /// present speed, a vehicle that closes in on another in its lane with `w` m/s does not touch it when it starts at least
-/// `2 m + w² / (2 (limit - a)) + w dt` away, that is, when braking with 7.5 m/s² from the first step on suffices; it comes
+/// `2 m + w² / (2 (limit - a)) + w dt` away, that is, when braking with 7.5 m/s² (a lorry: 5.5 m/s²) from the first step on suffices; it comes
 /// to rest 1.9 m behind a standing one. Nearer than that, no driver could stop, and the boxes overlap, which is an event.
 /// A platoon 43 m apart at 30 m/s outlives a leader that brakes with 8 m/s² to a stop.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -16,7 +16,7 @@ use nalgebra::{RealField, Vector2};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Newell<T> {
-    /// Time in which a disturbance passes from vehicle to vehicle, in s; at least two steps.
+    /// Time in which a disturbance passes from vehicle to vehicle, in s. Below two steps the speed swings.
     pub wave_time: T,
     /// Gap at standstill, bumper to bumper, in m.
     pub standstill_gap: T,

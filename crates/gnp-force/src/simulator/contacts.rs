@@ -11,6 +11,14 @@ pub(super) struct Contacts {
 }
 
 impl Contacts {
+    /// The same pairs in their order, each once: what was read may have another.
+    #[cfg(feature = "serde")]
+    pub(super) fn in_order(mut self) -> Self {
+        self.pairs.sort_unstable();
+        self.pairs.dedup();
+        self
+    }
+
     /// Forgets a vehicle that left.
     pub(super) fn forget(&mut self, id: VehicleId) {
         self.pairs.retain(|pair| pair.0 != id && pair.1 != Obstacle::Vehicle(id));

@@ -17,7 +17,7 @@ pub enum AfterGoal {
     /// It leaves the scene, which is an [`Event::Arrived`](crate::Event::Arrived).
     #[default]
     Leave,
-    /// It drives on at the speed it has, beside the goal: [`Drive::Cruise`].
+    /// It drives on at the speed it has, at the lateral position of the goal: [`Drive::Cruise`].
     Cruise,
 }
 
@@ -36,8 +36,9 @@ pub enum AfterGoal {
 )]
 pub enum Drive<T: RealField> {
     /// To be at a point at a time of the simulator's clock. The relaxation time is shortened to the time left, so that
-    /// a vehicle that nobody disturbs and whose limits suffice arrives exactly; one that is held up arrives late, that
-    /// is, at that time it is short of its goal.
+    /// a vehicle that nobody disturbs and whose limits suffice arrives exactly, if `due` is the time of a step, else at
+    /// the nearest one; one that is held up is short of its goal by then. On a ring the way leads within the lap: a goal
+    /// beyond the seam cannot be said.
     Goal {
         /// Where to be, in m.
         goal: Point2<T>,

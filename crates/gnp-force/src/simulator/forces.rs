@@ -34,7 +34,7 @@ pub struct ForceBreakdown<T: RealField> {
 }
 
 impl<T: RealField + Copy> ForceBreakdown<T> {
-    /// Sum of everything: the acceleration.
+    /// Sum of everything: the acceleration of a vehicle with a wish; 0 for one that is moved.
     #[must_use]
     pub fn total(&self) -> Vector2<T> {
         self.forces.total() + self.noise + self.limits
@@ -163,7 +163,9 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
                 if let Some(circumference) = circumference {
                     state.position.x += circumference * crate::scalar::lit(f64::from(lap));
                 }
-                if (state.position.x - me.position.x).abs() > self.params.range {
+                let lengths = self.vehicles[index].extent.length + self.vehicles[other].extent.length;
+                let gap = (state.position.x - me.position.x).abs() - lengths * crate::scalar::lit(0.5);
+                if gap > self.params.range {
                     return false;
                 }
                 let merging = beside != 0 && (self.order.aim(other) == own || aim == lane);

@@ -33,7 +33,7 @@ impl<T: RealField + Copy> Gap<T> {
         (self.distance > T::zero()).then(|| self.closing * self.closing / (self.distance + self.distance))
     }
 
-    /// Time until the front bumper is where that of behind the leader is now, in s; none for a vehicle that stands.
+    /// Time until the front bumper is where the leader's rear bumper is now, in s; none for a vehicle that stands.
     #[must_use]
     pub fn time_gap(&self) -> Option<T> {
         (self.speed > T::zero()).then(|| self.distance / self.speed)

@@ -4,7 +4,7 @@ use super::{
     noise::{mix, uniform},
 };
 use crate::{
-    error::{ForceError, require_not_negative},
+    error::{ForceError, require},
     rule::{Other, PairRule, Place},
     scalar::lit,
 };
@@ -40,7 +40,15 @@ pub enum Headways {
 /// # Ok::<(), gnp_force::ForceError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(try_from = "Unchecked<T>", into = "Unchecked<T>"))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(
+        serialize = "T: RealField + Copy + serde::Serialize",
+        deserialize = "T: RealField + Copy + serde::Deserialize<'de>"
+    ))
+)]
 pub struct Inflow<T> {
     flow: T,
     headways: Headways,
@@ -54,12 +62,12 @@ pub struct Inflow<T> {
 }
 
 impl<T: RealField + Copy> Inflow<T> {
-    /// `flow` vehicles an hour, from time 0 on.
+    /// `flow` vehicles an hour, from time 0 on; for one that begins later start with 0 and [`Inflow::set_flow`].
     ///
     /// # Errors
-    /// When the flow is negative or not finite.
+    /// When the flow is negative or above 100,000 vehicles an hour.
     pub fn new(flow: T, headways: Headways, seed: u64) -> Result<Self, ForceError> {
-        require_not_negative("inflow.flow", flow)?;
+        check_flow(flow)?;
         let mut inflow = Self { flow, headways, seed, left: T::zero(), counted: T::zero(), drawn: 0, entered: 0 };
         inflow.left = inflow.headway();
         Ok(inflow)
@@ -69,9 +77,9 @@ impl<T: RealField + Copy> Inflow<T> {
     /// have come next comes so much sooner or later as the rates differ.
     ///
     /// # Errors
-    /// When the flow is negative or not finite.
+    /// When the flow is negative or above 100,000 vehicles an hour.
     pub fn set_flow(&mut self, flow: T, from: T) -> Result<(), ForceError> {
-        require_not_negative("inflow.flow", flow)?;
+        check_flow(flow)?;
         self.come(from);
         self.flow = flow;
         Ok(())
@@ -143,6 +151,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         if !self.road.contains(y) {
             return Err(ForceError::OffRoad { y: y.to_subset_unchecked() });
         }
+        self.check_place(&vehicle)?;
         if self.touching(&vehicle).is_some() {
             return Ok(None);
         }
@@ -188,5 +197,48 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             self.vehicles[who].rule.behind(&ego, Some(&seen(&ego, next.way, Some(index), speed))) >= least
         });
         ahead && behind
+    }
+}
+
+/// A lane carries 2,000 to 2,500 vehicles an hour.
+fn check_flow<T: RealField + Copy>(flow: T) -> Result<(), ForceError> {
+    require(flow >= T::zero() && flow <= lit(1e5), "inflow.flow", flow, "from 0 to 100000 vehicles an hour")
+}
+
+/// What an inflow is read from, before it is checked.
+#[cfg(feature = "serde")]
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Unchecked<T> {
+    flow: T,
+    headways: Headways,
+    seed: u64,
+    left: T,
+    counted: T,
+    drawn: u64,
+    entered: u64,
+}
+
+#[cfg(feature = "serde")]
+impl<T: RealField + Copy> TryFrom<Unchecked<T>> for Inflow<T> {
+    type Error = ForceError;
+
+    fn try_from(from: Unchecked<T>) -> Result<Self, ForceError> {
+        let Unchecked { flow, headways, seed, left, counted, drawn, entered } = from;
+        check_flow(flow)?;
+        require(left.is_finite(), "inflow.left", left, "finite")?;
+        require(counted.is_finite(), "inflow.counted", counted, "finite")?;
+        let number = |count: u64| lit::<T>(count as f64);
+        require(drawn < u64::MAX / 2, "inflow.drawn", number(drawn), "a count of vehicles")?;
+        require(entered <= drawn, "inflow.entered", number(entered), "at most `drawn`")?;
+        Ok(Self { flow, headways, seed, left, counted, drawn, entered })
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<T> From<Inflow<T>> for Unchecked<T> {
+    fn from(inflow: Inflow<T>) -> Self {
+        let Inflow { flow, headways, seed, left, counted, drawn, entered } = inflow;
+        Self { flow, headways, seed, left, counted, drawn, entered }
     }
 }

@@ -192,8 +192,14 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         let closure = closure.map(|(_, other)| Next { who: None, way: other.state.position.x - me.position.x });
         vehicles
             .chain(closure)
-            .filter(|next| next.way >= T::zero() && next.way <= self.params.range)
+            .filter(|next| next.way >= T::zero() && next.way - self.lengths(index, next) <= self.params.range)
             .min_by(|a, b| a.way.partial_cmp(&b.way).unwrap_or(std::cmp::Ordering::Equal))
+    }
+
+    /// Half the lengths of a vehicle and of what is next to it, in m.
+    fn lengths(&self, index: usize, next: &Next<T>) -> T {
+        let other = next.who.map_or_else(T::zero, |who| self.vehicles[who].extent.length);
+        (self.vehicles[index].extent.length + other) * lit(0.5)
     }
 
     /// Somebody at a distance, as the vehicle directly ahead.

@@ -26,7 +26,7 @@ pub struct SimulatorParams<T> {
     pub steering: Steering<T>,
     /// Highest speed that a vehicle may want, in m/s. A goal that asks for more is approached at this speed, late.
     pub max_speed: T,
-    /// How far along the road others are noticed, between centres, in m.
+    /// How far along the road others are noticed, from bumper to bumper, in m.
     pub range: T,
     /// Time between a driver's decisions whether to change lanes, in s.
     pub decision_interval: T,
@@ -55,7 +55,7 @@ impl<T: RealField + Copy> SimulatorParams<T> {
             steering: Steering { preview: lit(4.0), lateral_speed: lit(1.2) },
             max_speed: lit(70.0),
             range: lit(300.0),
-            decision_interval: lit(0.5),
+            decision_interval: lit::<T>(0.5).max(dt),
             seed: 0,
         }
     }

@@ -72,7 +72,8 @@ impl<T: RealField + Copy> Profile<T> {
     /// The way from one time to a later one, in m: the integral of the velocity.
     #[must_use]
     pub fn way(&self, from: T, to: T) -> Vector2<T> {
-        let between = self.knots.iter().map(|(time, _)| *time).filter(|time| *time > from && *time < to);
+        let first = self.knots.partition_point(|(time, _)| *time <= from);
+        let between = self.knots[first..].iter().map(|(time, _)| *time).take_while(|time| *time < to);
         let (mut start, mut way) = (from, Vector2::zeros());
         for end in between.chain([to]) {
             way += (self.velocity_at(start) + self.velocity_at(end)) * ((end - start) * lit(0.5));

@@ -60,19 +60,24 @@ impl<T: RealField + Copy, R: PairRule<T>> Saved<'_, T, R> {
         let mut scene = Simulator::for_rules(self.params, self.road.into_owned())?;
         let count = self.ids.len();
         let all = self.vehicles.len() == count && self.statuses.len() == count;
-        let number = |count: usize| nalgebra::convert::<f64, T>(count as f64);
-        require(all, "vehicles", number(self.vehicles.len()), "as many as numbers and statuses")?;
+        require::<T>(all, "vehicles", lit_of(self.vehicles.len() as u64), "as many as numbers and statuses")?;
         let counts_up = self.ids.windows(2).all(|pair| pair[0] < pair[1])
             && self.ids.last().is_none_or(|last| last.0 < self.next_id);
-        require(counts_up, "ids", number(count), "growing and below `next_id`")?;
+        require::<T>(counts_up, "ids", lit_of(count as u64), "growing and below `next_id`")?;
         for bound in self.bounds {
             crate::error::require_not_negative("bounds", bound)?;
+        }
+        for (key, count) in [("steps", self.steps), ("next_id", self.next_id)] {
+            require::<T>(count < u64::MAX / 4, key, lit_of(count), "a count that can grow")?;
         }
         scene.steps = self.steps;
         for (vehicle, status) in self.vehicles.iter().zip(self.statuses.iter()) {
             vehicle.check(&scene.params, scene.time())?;
             require(status.noise.is_finite(), "status.noise", status.noise, "finite")?;
             require(status.before.is_finite(), "status.before", status.before, "finite")?;
+            require(status.after.is_finite(), "status.after", status.after, "finite")?;
+            let changed = status.changed.unwrap_or(0);
+            require::<T>(changed <= self.steps, "status.changed", lit_of(changed), "at most `steps`")?;
             scene.note_extremes(vehicle);
         }
         [scene.fastest, scene.slowest_tau, scene.most_push] = [
@@ -83,9 +88,17 @@ impl<T: RealField + Copy, R: PairRule<T>> Saved<'_, T, R> {
         scene.next_id = self.next_id;
         scene.ids = self.ids.into_owned();
         scene.vehicles = self.vehicles.into_owned();
+        for vehicle in &mut scene.vehicles {
+            vehicle.state.position.x = scene.road.wrapped(vehicle.state.position.x);
+        }
         scene.statuses = self.statuses.into_owned();
-        scene.contacts = self.contacts;
+        scene.contacts = self.contacts.in_order();
         scene.order.rebuild(&scene.vehicles, &scene.road);
         Ok(scene)
     }
+}
+
+/// A count as a number for an error.
+fn lit_of<T: RealField>(count: u64) -> T {
+    nalgebra::convert(count as f64)
 }

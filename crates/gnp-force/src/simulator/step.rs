@@ -45,6 +45,8 @@ const WORTH_SHARING: usize = 1024;
 impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     /// Moves all vehicles by one step and returns what happened in it, in the order of kinds as in [`Event`] and then of
     /// vehicles. Those that arrived or left are no longer in the scene.
+    ///
+    /// The events are borrowed from the scene: to act on it in the loop, take them first, `scene.step().to_vec()`.
     pub fn step(&mut self) -> &[Event<T, R>] {
         self.decide_lanes();
         self.order.refresh(&self.vehicles);
@@ -61,9 +63,10 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
         self.events.clear();
         let (time, dt) = (self.time(), self.params.dt);
         for ((vehicle, status), state) in self.vehicles.iter_mut().zip(&mut self.statuses).zip(&states) {
-            status.before = vehicle.state.position.x;
             vehicle.advance(*state, time, dt);
             vehicle.state.position.x = self.road.wrapped(vehicle.state.position.x);
+            status.before = std::mem::replace(&mut status.after, vehicle.state.position.x);
+            status.given_drive = false;
         }
         self.states = states;
         self.workspace = workspace;

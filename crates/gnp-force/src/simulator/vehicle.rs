@@ -33,7 +33,7 @@ pub struct Vehicle<T: RealField, R = Rule<T>> {
     pub limits: Limits<T>,
     /// How unsteady its driver is; none for one who is not.
     pub noise: Option<Noise<T>>,
-    /// How its driver decides to change lanes; none for one who only does what [`Drive::Cruise`] says.
+    /// How its driver decides to change lanes while he cruises; none for one who only does what [`Drive::Cruise`] says.
     pub lane_change: Option<Mobil<T>>,
 }
 
@@ -59,7 +59,9 @@ impl<T: RealField + Copy> Vehicle<T> {
         Self { extent: Extent::truck(), limits: Limits::truck(), ..Self::car(state, drive) }
     }
 
-    /// Something of that size that stands at (`x`, `y`) m and stays there.
+    /// Something of that size that stands at (`x`, `y`) m and stays there, no wider than that it reaches into the lanes
+    /// beside its own: others look no further. For a stretch that cannot be driven on see
+    /// [`Road::closing`](crate::Road::closing).
     #[must_use]
     pub fn obstacle(x: T, y: T, extent: Extent<T>) -> Self {
         Self { extent, ..Self::car(State::new(x, y, T::zero(), T::zero()), Drive::Steady) }

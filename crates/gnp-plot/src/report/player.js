@@ -157,14 +157,16 @@
     pen.fillText(`${bar} m; lateral axis stretched ×${(view.sy / view.sx).toFixed(1)}`, 14 + bar * view.sx, view.height - 6);
     // Where there is little room, at the upper edge.
     const [right, base] = [view.width - 100, view.width < 560 ? 14 : view.height - 6];
-    pen.fillRect(right - force * pxPerForce, base - 4, force * pxPerForce, 2);
-    pen.fillText(`force ${force} m/s²`, right + 6, base);
+    if (data.forecasts.length) {
+      pen.fillRect(right - force * pxPerForce, base - 4, force * pxPerForce, 2);
+      pen.fillText(`force ${force} m/s²`, right + 6, base);
+    }
     if (data.simulated) { pen.font = "bold 13px system-ui, sans-serif"; pen.fillText("simulated", 10, 16); }
-    drawChart(forecast);
+    if (data.forecasts.length) drawChart(forecast);
     slider.value = state.frame;
     byId("play").textContent = state.playing ? "Pause" : "Play";
     const seconds = (state.frame / data.rate).toFixed(1);
-    status.textContent = `${seconds} s` + (picked && here ? `, vehicle ${picked.id}: ${speed(picked, state.frame).toFixed(1)} m/s` : "") + (picked && !here ? `, vehicle ${picked.id} is not there` : "") + (forecast ? `, forecast made at ${(forecast.frame / data.rate).toFixed(1)} s, the first of ${forecast.modes.length}: ${(100 * forecast.modes[0].p).toFixed(0)} %` + (picked.evaluated ? ` (${data.subset} subset)` : ` (not in the ${data.subset} subset)`) : picked ? ", no forecast yet" : ", pick a vehicle by click or with N");
+    status.textContent = `${seconds} s` + (picked && here ? `, vehicle ${picked.id}: ${speed(picked, state.frame).toFixed(1)} m/s` : "") + (picked && !here ? `, vehicle ${picked.id} is not there` : "") + (forecast ? `, forecast made at ${(forecast.frame / data.rate).toFixed(1)} s, the first of ${forecast.modes.length}: ${(100 * forecast.modes[0].p).toFixed(0)} %` + (picked.evaluated ? ` (${data.subset} subset)` : ` (not in the ${data.subset} subset)`) : picked ? (data.forecasts.length ? ", no forecast yet" : "") : ", pick a vehicle by click or with N");
     for (const key of ["forces", "modes", "neighbours"]) byId(key).setAttribute("aria-pressed", state[key]);
   };
 
@@ -307,6 +309,8 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   addEventListener("resize", draw);
   slider.max = data.frames - 1;
+  // Traffic without forecasts has neither forces nor futures.
+  if (!data.forecasts.length) for (const part of document.querySelectorAll("#player .forecast, #forces, #modes, #neighbours, #chart")) part.hidden = true;
   // `report.html#t=12.5&vehicle=7&theme=dark` opens that moment; without a vehicle the evaluated one with the
   // most neighbours in its forecast.
   const open = () => {
@@ -321,6 +325,6 @@
   addEventListener("hashchange", () => location.hash.includes("=") && open()); // else it is a place on the page
   open();
   addEventListener("load", () => {
-    byId("ready").textContent = `Ready after ${(performance.now() / 1000).toFixed(2)} s: ${(data.frames / data.rate).toFixed(0)} s of traffic, ${vehicles.length} vehicles, ${data.forecasts.length} forecasts.`;
+    byId("ready").textContent = `Ready after ${(performance.now() / 1000).toFixed(2)} s: ${(data.frames / data.rate).toFixed(0)} s of traffic, ${vehicles.length} vehicles${data.forecasts.length ? `, ${data.forecasts.length} forecasts` : ""}.`;
   });
 })();

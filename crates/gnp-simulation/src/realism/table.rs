@@ -104,7 +104,7 @@ fn name(row: &Row) -> String {
 
 /// One scene has no interval.
 fn with_interval(estimate: &Estimate) -> String {
-    if estimate.low == estimate.high {
+    if (estimate.high - estimate.low).abs() < 1e-9 * estimate.mean.abs() {
         return format!("{:.2}", estimate.mean);
     }
     format!("{:.2} ({:.2} to {:.2})", estimate.mean, estimate.low, estimate.high)

@@ -18,13 +18,19 @@ pub(super) struct Cast<'a> {
     kinds: &'a [DriverSpec],
     /// By kind, for those that are drawn from fitted drivers.
     fitted: Vec<Option<DriverDistribution>>,
+    lanes: u64,
     seed: u64,
 }
 
 impl<'a> Cast<'a> {
     pub(super) fn of(scene: &'a Scene, seed: u64) -> Result<Self, SimulationError> {
         let fitted = scene.drivers.iter().map(|kind| kind.fitted.as_deref().map(distribution).transpose());
-        Ok(Self { kinds: &scene.drivers, fitted: fitted.collect::<Result<_, _>>()?, seed })
+        Ok(Self {
+            kinds: &scene.drivers,
+            fitted: fitted.collect::<Result<_, _>>()?,
+            lanes: scene.road.lanes as u64,
+            seed,
+        })
     }
 
     /// The vehicle of that number in a lane; the same ones always give the same.
@@ -36,7 +42,9 @@ impl<'a> Cast<'a> {
         let at = self.kind(lane, rng.random());
         let kind = &self.kinds[at];
         if let Some(fitted) = &self.fitted[at] {
-            let vehicle = fitted.vehicle(self.seed.wrapping_add(lane as u64), number, state);
+            // No lane of one seed is a lane of another.
+            let seed = self.seed.wrapping_mul(self.lanes).wrapping_add(lane as u64);
+            let vehicle = fitted.vehicle(seed, number, state);
             return Vehicle { lane_change: kind.lane_change.or(vehicle.lane_change), ..vehicle };
         }
         let speed = (kind.desired_speed_mps.mean + kind.desired_speed_mps.sd * normal(&mut rng)).clamp(SLOWEST, 70.0);

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use gnp_data::{Dataset, Expectation, Recording, discover, read};
 use gnp_force::Driver;
-use gnp_measures::{Course, Settings};
+use gnp_measures::{Course, Settings, Traffic};
 use gnp_plot::Source;
-use gnp_simulation::drivers::DriverDistribution;
+use gnp_simulation::drivers::{DriverKey, FitConfig, FittedDriver, fit_drivers, fit_lane_changes};
 use gnp_simulation::replay::{ClosedLoop, DrivenBy, Drivers, Learned, Replay, ReplaySettings, RuleDrivers};
 
 use super::{Measured, keep_tracks, measure_one};
@@ -47,9 +47,11 @@ pub struct DriveOn {
 pub enum ReplayDrivers {
     /// Everybody as the standard driver of the intelligent driver model.
     Standard,
-    /// Drivers fitted to a site, those more often who explain the observed seconds; they change lanes as fitted.
-    Fitted(String),
-    /// A trained run, which predicts anew every half second and draws among its futures.
+    /// Drivers fitted to the other vehicles of the site, those more often who explain the observed seconds; they change
+    /// lanes as fitted.
+    Fitted,
+    /// A trained run, which predicts anew every half second and draws among its futures. It may have been trained on these
+    /// very vehicles: what is shown then is no test of it.
     Run(PathBuf),
 }
 
@@ -60,7 +62,8 @@ pub enum ReplayDrivers {
 /// # Errors
 /// When there is no such recording or moment, the run cannot be used, or the folder not be written.
 pub fn simulate_from(of: &DriveOn, machine: &Machine) -> Result<Vec<Measured>> {
-    let recording = find(of, machine)?;
+    let recordings = read_all(of, machine)?;
+    let recording = chosen(of, &recordings)?;
     let meta = recording.meta();
     let settings = ReplaySettings { past_s: PAST_S, duration_s: of.seconds, every_s: of.seconds };
     let first = recording.tracks().iter().map(|track| track.first_frame).min().unwrap_or(0);
@@ -70,7 +73,7 @@ pub fn simulate_from(of: &DriveOn, machine: &Machine) -> Result<Vec<Measured>> {
     }
     let driven = |road: &usize| recording.tracks().iter().filter(|track| usize::from(track.road) == *road).count();
     let road = (0..recording.roads().len()).max_by_key(driven).unwrap_or(0);
-    let replay = Replay::of(&recording, road, first + start.round() as u32, &settings)?;
+    let replay = Replay::of(recording, road, first + start.round() as u32, &settings)?;
     let scene = replay.scene();
     let run = match &of.drivers {
         ReplayDrivers::Run(folder) => Some(Run::open(folder, machine)?),
@@ -86,17 +89,7 @@ pub fn simulate_from(of: &DriveOn, machine: &Machine) -> Result<Vec<Measured>> {
             let shape = run.config().windows.shape_for(meta.rate_hz)?;
             Box::new(Learned::new("trained run", model, shape, true, standard))
         }
-        (ReplayDrivers::Fitted(site), ..) => {
-            let fitted = DriverDistribution::embedded(site)?;
-            let noise = fitted.noise();
-            let driver = |(number, driver): (usize, &gnp_simulation::drivers::FittedDriver)| {
-                // Numbers beyond those of files: a distribution does not say whose drivers they are.
-                (u32::MAX - number as u32, DrivenBy { noise, ..DrivenBy::from(driver.driver) })
-            };
-            let drivers = Drivers::Matched(fitted.drivers().iter().enumerate().map(driver).collect());
-            let mobil = fitted.lane_changes().mobil;
-            Box::new(RuleDrivers::new(format!("drivers of {site}"), drivers).changing_lanes(mobil))
-        }
+        (ReplayDrivers::Fitted, ..) => Box::new(fitted(of.dataset, &meta.site, &recordings)?),
         _ => Box::new(RuleDrivers::new("standard drivers", Drivers::Same(standard))),
     };
     let mut all = Vec::new();
@@ -119,33 +112,49 @@ pub fn simulate_from(of: &DriveOn, machine: &Machine) -> Result<Vec<Measured>> {
             trace.never
         );
         let source = Source { words: format!("{name}, {}, seed {seed}", system.name()), simulated: true };
-        let course = Course::Open;
-        all.push(measure_one(&recording, course, Settings::default(), &source, &out, &words, None, machine)?);
+        let traffic = Traffic::over(&recording, Course::Open, [0, scene.frames as u32])?;
+        all.push(measure_one(&traffic, Settings::default(), &source, &out, &words, None, machine)?);
     }
     Ok(all)
 }
 
-/// The recording that is asked for.
-fn find(of: &DriveOn, machine: &Machine) -> Result<Recording> {
+/// Drivers fitted to a site; none of a vehicle that is in the scene is drawn for it.
+fn fitted(dataset: Dataset, site: &str, recordings: &[Recording]) -> Result<RuleDrivers> {
+    let of_site: Vec<Recording> = recordings.iter().filter(|it| it.meta().site == site).cloned().collect();
+    let shared_vehicles = of_site.len() > 1 && dataset == Dataset::NGSIM;
+    let traffic = fit_drivers(&of_site, &FitConfig { shared_vehicles, ..FitConfig::default() })?;
+    let (noise, mobil) = (traffic.noise(), fit_lane_changes(&of_site, &traffic)?.mobil);
+    let driver =
+        |(key, it): (&DriverKey, &FittedDriver)| (key.vehicle, DrivenBy { noise, ..DrivenBy::from(it.driver) });
+    let drivers = Drivers::Matched(traffic.drivers().iter().map(driver).collect());
+    Ok(RuleDrivers::new(format!("drivers fitted to others of {site}"), drivers).changing_lanes(mobil))
+}
+
+/// All recordings.
+fn read_all(of: &DriveOn, machine: &Machine) -> Result<Vec<Recording>> {
     let folder = of.data.clone().map_or_else(|| embedded_folder(of.dataset), Ok)?;
     let expect = Expectation { dataset: of.dataset, rate_hz: None };
-    let (mut best, mut names): (Option<Recording>, Vec<String>) = (None, Vec::new());
+    let mut recordings = Vec::new();
     for source in discover(&folder, of.dataset)? {
         machine.stop.check()?;
-        for (recording, _) in read(&source, &expect)? {
-            let name = recording.meta().name.clone();
-            if of.recording.as_ref() == Some(&name) {
-                return Ok(recording);
-            }
-            names.push(name);
-            if best.as_ref().is_none_or(|best| best.len() < recording.len()) {
-                best = Some(recording);
-            }
-        }
+        recordings.extend(read(&source, &expect)?.into_iter().map(|(recording, _)| recording));
     }
-    match (&of.recording, best) {
-        (None, Some(recording)) => Ok(recording),
-        (Some(name), _) => bail!(Recordings, "there is no recording {name}; there are {}", names.join(", ")),
-        (None, None) => bail!(Recordings, "there are no recordings of {} in {}", of.dataset, folder.display()),
+    if recordings.is_empty() {
+        bail!(Recordings, "there are no recordings of {} in {}", of.dataset, folder.display());
     }
+    Ok(recordings)
+}
+
+/// The recording that is asked for, or the one with most rows.
+fn chosen<'a>(of: &DriveOn, recordings: &'a [Recording]) -> Result<&'a Recording> {
+    let found = match &of.recording {
+        Some(name) => recordings.iter().find(|recording| recording.meta().name == *name),
+        None => recordings.iter().max_by_key(|recording| recording.len()),
+    };
+    let Some(recording) = found else {
+        let names: Vec<&str> = recordings.iter().map(|recording| recording.meta().name.as_str()).collect();
+        let asked = of.recording.as_deref().unwrap_or_default();
+        bail!(Recordings, "there is no recording {asked}; there are {}", names.join(", "));
+    };
+    Ok(recording)
 }

@@ -11,6 +11,8 @@ use gnp_plot::{
 
 use crate::error::Result;
 
+/// What the figures are called.
+pub(super) const NAMES: [&str; 4] = ["fundamental-diagram", "speed-field", "detectors", "time-space"];
 /// Most vehicles whose lines are drawn, and points of a line.
 const MOST: [usize; 2] = [400, 400];
 /// Most detectors that are drawn.
@@ -24,7 +26,8 @@ pub(super) fn all(
     source: &Source,
 ) -> Result<Vec<Figure>> {
     let Some(road) = busiest(summary) else { return Ok(Vec::new()) };
-    let name = if recording.roads().len() > 1 { format!("carriageway {road}, ") } else { String::new() };
+    let several = recording.roads().len() > 1;
+    let name = if several { format!("carriageway {road}, the busiest, ") } else { String::new() };
     let mut figures = Vec::new();
     figures.extend(diagram(summary, road, &name, source));
     figures.extend(field(summary, road, &name, source));
@@ -106,7 +109,7 @@ fn detectors(summary: &Summary, road: u16, name: &str, source: &Source) -> Optio
     if series.iter().all(|it| it.time.len() < 2) {
         return None;
     }
-    Some(detector_series(&format!("{name}all lanes"), &series, source))
+    Some(detector_series(&format!("Flow and speed at detectors, {name}all lanes"), &series, source))
 }
 
 /// The paths of vehicles in the lane that is driven most.

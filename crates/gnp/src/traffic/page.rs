@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use gnp_data::{Recording, WindowShape};
-use gnp_measures::{Distribution, Missing, Summary};
+use gnp_measures::{Distribution, Measure, Missing, Summary};
 use gnp_plot::{Clip, ClipSpan, Evaluated, Figure, Report, ReportCell, ReportSection, ReportTable, Source};
 
 use crate::error::Result;
@@ -15,19 +15,19 @@ const KMH: f64 = 3.6;
 
 /// A few lines for the terminal.
 pub(super) fn text(summary: &Summary, words: &str) -> String {
-    let mut lines = vec![format!(
-        "{}: {} vehicles, {:.1} vehicle-km in {:.0} s{}",
-        summary.recording,
-        summary.vehicles,
-        summary.vehicle_km,
-        summary.duration_s,
-        if summary.simulated { " (simulated)" } else { "" }
-    )];
+    let mut lines = vec![format!("{}: {}", summary.recording, extent(summary))];
     if !words.is_empty() {
         lines.push(format!("  {words}"));
     }
     lines.extend(facts(summary).into_iter().map(|(name, value)| format!("  {name}: {value}")));
     lines.join("\n")
+}
+
+/// How much traffic it is.
+fn extent(summary: &Summary) -> String {
+    let made = if summary.simulated { "simulated" } else { "recorded" };
+    let (vehicles, km, seconds) = (summary.vehicles, summary.vehicle_km, summary.duration_s);
+    format!("{vehicles} vehicles, {km:.1} vehicle-km in {seconds:.0} s, {made}")
 }
 
 /// The page: facts, figures, the player, tables.
@@ -39,12 +39,18 @@ pub(super) fn page(
     words: &str,
 ) -> Result<Report> {
     let mut report = Report::new(format!("Traffic: {}", source.words), source.simulated);
-    words.clone_into(&mut report.headline);
+    let mut headline = vec![extent(summary)];
+    headline.extend((!words.is_empty()).then(|| words.to_owned()));
+    if summary.left_out.iter().any(|it| it.what.contains("sample of the traffic")) {
+        headline.push("The file holds a sample of the traffic: flow and density are those of the sample".to_owned());
+    }
+    report.headline = headline.join(". ") + ".";
     let rows = facts(summary).into_iter().map(|(name, value)| vec![ReportCell::from(name), value.into()]).collect();
     let head = ["", "measured"].map(str::to_owned).to_vec();
     report.summary = Some(ReportTable { title: String::new(), head, rows, notes: Vec::new() });
-    report.figures = figures;
     report.player = player(recording, summary)?;
+    let mut drawn = ReportSection::new("Figures");
+    drawn.figures = figures;
     let mut safety = ReportSection::new("How near to accidents");
     safety.tables.push(exposures(summary));
     let mut distributions = ReportSection::new("Distributions");
@@ -52,7 +58,7 @@ pub(super) fn page(
     let mut left_out = ReportSection::new("What could not be used").folded();
     left_out.facts =
         summary.left_out.iter().map(|it| (it.what.clone(), format!("{:.0} {}", it.amount, it.unit))).collect();
-    report.sections = vec![safety, distributions];
+    report.sections = vec![drawn, safety, distributions];
     if !left_out.facts.is_empty() {
         report.sections.push(left_out);
     }
@@ -74,15 +80,18 @@ fn facts(summary: &Summary) -> Vec<(String, String)> {
             add(&format!("greatest flow{of}"), capacity);
             add(&format!("free speed{of}"), said(&diagram.free_speed, |speed| format!("{:.0} km/h", speed * KMH)));
             let branch = said(&diagram.congested, |it| {
-                format!("{:.0} km/h upstream, jam density {:.0} veh/km", it.wave_speed * KMH, it.jam_density_veh_km)
+                format!("slope {:.0} km/h, jam density {:.0} veh/km", it.wave_speed * KMH, it.jam_density_veh_km)
             });
             add(&format!("congested branch{of}"), branch);
         }
         let waves = summary.waves.iter().find(|it| it.road == *road && it.lane.is_none());
         if let Some(waves) = waves {
-            let speed = said(&waves.speed, |it| {
+            let mut speed = said(&waves.speed, |it| {
                 format!("{:.1} km/h upstream (correlation {:.2})", it.speed * KMH, it.correlation)
             });
+            if waves.speed.is_err() && diagram.is_some_and(|diagram| diagram.congested.is_ok()) {
+                "not told apart over the whole section; see the congested branch".clone_into(&mut speed);
+            }
             add(&format!("waves{of}"), speed);
         }
     }
@@ -102,23 +111,22 @@ fn said<T>(found: &Result<T, Missing>, words: impl Fn(&T) -> String) -> String {
 }
 
 fn exposures(summary: &Summary) -> ReportTable {
-    let head = ["measure", "threshold", "share of vehicle-time", "events", "events in 1000 km"];
+    let head = ["", "share of vehicle-time", "events", "events in 1000 km"];
     let row = |it: &gnp_measures::Exposure| {
         let per_km = it.events_per_1000_km.map_or_else(String::new, |rate| format!("{rate:.1}"));
-        let cells = [
-            it.measure.name().to_owned(),
-            format!("{}", it.threshold),
-            format!("{:.3} %", 100. * it.share),
-            it.events.to_string(),
-            per_km,
-        ];
+        let what = match it.measure {
+            Measure::Ttc => format!("time to collision below {} s", it.threshold),
+            Measure::Drac => format!("deceleration needed to avoid a collision above {} m/s²", it.threshold),
+            Measure::TimeGap => format!("time gap below {} s", it.threshold),
+        };
+        let cells = [what, format!("{:.3} %", 100. * it.share), it.events.to_string(), per_km];
         cells.map(ReportCell::from).to_vec()
     };
     ReportTable {
         title: String::new(),
         head: head.map(str::to_owned).to_vec(),
         rows: summary.safety.exposures.iter().map(row).collect(),
-        notes: vec!["Times below the threshold in s, decelerations above it in m/s².".to_owned()],
+        notes: Vec::new(),
     }
 }
 

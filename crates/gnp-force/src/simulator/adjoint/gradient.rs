@@ -121,7 +121,9 @@ impl<T: RealField + Copy> SceneGradient<T> {
                 take(was.state.position[i], is.state.position[i], &mut from.position[i], &mut to.position[i]);
                 take(was.state.velocity[i], is.state.velocity[i], &mut from.velocity[i], &mut to.velocity[i]);
             }
-            let same_kind = std::mem::discriminant(&was.drive) == std::mem::discriminant(&is.drive);
+            // An acceleration that is given anew is given, also when it is the same: what an open-loop control sets.
+            let steered = matches!(is.drive, Drive::Accelerate(_)) && edited.was_given_a_drive(id);
+            let same_kind = !steered && std::mem::discriminant(&was.drive) == std::mem::discriminant(&is.drive);
             let (wanted, wants) = (wish_of(&was.drive), wish_of(&is.drive));
             for i in 0..2 {
                 let wanted = if same_kind { wanted[i] } else { wants[i] + T::one() };

@@ -102,7 +102,8 @@ where
     /// Moves the scene by that many steps, calls `control` before each with the number of steps so far, and remembers how.
     ///
     /// `control` may add, place, admit and remove vehicles and set their states, wishes and rules. What it sets counts as
-    /// given, whatever it was computed from ([`RollOutGradient::given`]). It is copied with the scene and called again on
+    /// given, whatever it was computed from ([`RollOutGradient::given`]), but for a number that it sets to what it was anyhow;
+    /// an acceleration ([`Drive::Accelerate`](crate::Drive::Accelerate)) always counts. It is copied with the scene and called again on
     /// the way back, with what it has captured: an [`Inflow`](crate::Inflow) that it owns repeats itself.
     ///
     /// # Errors
