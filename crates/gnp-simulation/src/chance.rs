@@ -11,7 +11,8 @@ pub(crate) fn choice(key: &[u64], count: usize) -> usize {
     ((uniform(key) * count as f64) as usize).min(count.saturating_sub(1))
 }
 
-fn mix(value: u64) -> u64 {
+/// The finaliser of SplitMix64: a random number for each value.
+pub(crate) fn mix(value: u64) -> u64 {
     let mut z = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -64,11 +64,3 @@ fn median(mut values: Vec<f64>) -> f64 {
         n => (values[(n - 1) / 2] + values[n / 2]) / 2.,
     }
 }
-
-/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): a random number for each value.
-fn mix(value: u64) -> u64 {
-    let mut z = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}

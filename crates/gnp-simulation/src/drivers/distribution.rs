@@ -5,10 +5,11 @@ use super::{
     fit::{FitConfig, FittedTraffic, fit_drivers},
     free::FreeSpeed,
     lane_changes::{LaneChangeFit, fit_lane_changes},
-    median, mix,
+    median,
     rate::{Mean, threshold_for},
     table::Table,
 };
+use crate::chance::mix;
 use gnp_data::{Recording, VehicleClass};
 use gnp_force::{Drive, Noise, Rule, State, Vehicle};
 

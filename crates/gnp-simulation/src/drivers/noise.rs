@@ -1,5 +1,6 @@
 //! How unsteady drivers are: the acceleration that their model does not explain.
-use super::{mix, stretches::Stretch};
+use super::stretches::Stretch;
+use crate::chance::mix;
 use gnp_force::{Driver, Noise};
 
 /// Time over which accelerations are differenced, s. Noise of measurement reaches no farther; beyond it only what the

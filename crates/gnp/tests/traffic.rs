@@ -1,0 +1,100 @@
+//! Traffic by scene files and from recordings: what is written, and what it says.
+use gnp::{DriveOn, Machine, ReplayDrivers, RunConfig, Scene, Simulation, measure, scene, simulate, simulate_from};
+use gnp_data::Dataset;
+use std::path::Path;
+
+const FILES: [&str; 6] =
+    ["tracks.parquet", "detectors.csv", "cells.csv", "conflicts.csv", "summary.json", "report.html"];
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap()
+}
+
+#[test]
+fn a_scene_is_driven_measured_and_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("drop");
+    let short = Scene { duration_s: 120., ..scene("lane-drop").unwrap() };
+    let simulation = Simulation { scene: short, seeds: vec![1, 2], out: out.clone(), fcd: true };
+    let all = simulate(&simulation, &Machine::default()).unwrap();
+    assert_eq!(all.len(), 2);
+    for (seed, measured) in [1, 2].into_iter().zip(&all) {
+        assert_eq!(measured.out, out.join(format!("seed-{seed}")));
+        for file in FILES.iter().chain(&["happenings.csv", "fcd.xml", "figures/speed-field.svg"]) {
+            assert!(measured.out.join(file).is_file(), "{file}");
+        }
+        let summary: serde_json::Value = serde_json::from_str(&read(&measured.out.join("summary.json"))).unwrap();
+        assert_eq!(summary["simulated"], true);
+        let count = |what: &str| summary["counts"][what].as_u64().unwrap();
+        assert_eq!(count("started") + count("entered"), count("left") + count("remain"));
+        assert!(count("entered") > 20 && measured.text.contains("simulated"), "{}", measured.text);
+        // 240 frames at 2 Hz, whoever is there in them.
+        assert!((measured.summary.duration_s - 119.5).abs() < 1e-9, "{}", measured.summary.duration_s);
+    }
+    assert_ne!(read(&all[0].out.join("happenings.csv")), read(&all[1].out.join("happenings.csv")));
+    let written: Scene = Scene::parse(&read(&out.join("scene.toml"))).unwrap();
+    assert_eq!(written.seeds, [1, 2], "the file says what was driven");
+
+    // Driven again without floating car data, the old file is gone.
+    let again = Simulation { seeds: vec![1], out: all[0].out.clone(), fcd: false, ..simulation };
+    simulate(&again, &Machine::default()).unwrap();
+    assert!(!all[0].out.join("fcd.xml").exists());
+}
+
+#[test]
+fn recordings_are_measured_and_say_that_they_are_real() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = RunConfig::embedded("ngsim", &[]).unwrap();
+    let all = measure(&config, None, folder.path(), &Machine::default()).unwrap();
+    assert_eq!(all.len(), 18);
+    let sample = all.iter().find(|measured| measured.summary.recording == "i80-lanes123").unwrap();
+    let page = read(&sample.out.join("report.html"));
+    assert!(
+        page.contains(", recorded.") && page.contains("a sample of the traffic") && !page.contains("simulated data")
+    );
+    assert!(!sample.summary.simulated && sample.summary.lane_changes.changes.is_empty());
+    assert!(all.iter().all(|measured| FILES[1..].iter().all(|file| measured.out.join(file).is_file())));
+}
+
+#[test]
+fn traffic_drives_on_from_a_recorded_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = DriveOn {
+        dataset: Dataset::NGSIM,
+        data: None,
+        recording: Some("us101-24_1".to_owned()),
+        at_s: 0.,
+        seconds: 30.,
+        drivers: ReplayDrivers::Fitted,
+        seeds: vec![3],
+        out: folder.path().join("on"),
+        fcd: false,
+    };
+    let machine = Machine::default();
+    let measured = simulate_from(&of, &machine).unwrap().remove(0);
+    assert!(measured.summary.simulated && measured.summary.vehicles > 30, "{}", measured.text);
+    assert!((measured.summary.duration_s - 10.).abs() < 0.5, "no longer than is recorded: {}", measured.text);
+    assert!(measured.summary.safety.contacts.is_empty(), "{:?}", measured.summary.safety.contacts);
+    for (wrong, said) in [
+        (DriveOn { recording: Some("nowhere".to_owned()), ..of.clone() }, "there are"),
+        (DriveOn { at_s: 1e9, ..of.clone() }, "us101-24_1"),
+        (DriveOn { at_s: -1., ..of.clone() }, "cannot start at -1 s"),
+        (DriveOn { seconds: f64::NAN, ..of.clone() }, "drive for NaN s"),
+        (DriveOn { data: Some(folder.path().join("absent")), ..of.clone() }, "absent"),
+    ] {
+        let error = simulate_from(&wrong, &machine).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
+}
+
+#[test]
+fn what_is_no_scene_is_refused_with_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("scene.toml");
+    std::fs::write(&file, "name = \"x\"\nduration = 5\n").unwrap();
+    let error = scene(&file.display().to_string()).unwrap_err();
+    assert!(error.to_string().contains("is no scene"), "{error}");
+    let cause = std::error::Error::source(&error).unwrap().to_string();
+    assert!(cause.contains("line 2, column 1") && cause.contains("duration_s"), "{cause}");
+    assert!(scene("nothing").unwrap_err().to_string().contains("motorway, lane-drop, ring"));
+}
