@@ -1,4 +1,5 @@
 //! Traffic by scene files and from recordings: what is written, and what it says.
+#![allow(clippy::unwrap_used, reason = "a test that cannot read what was written has failed")]
 use gnp::{DriveOn, Machine, ReplayDrivers, RunConfig, Scene, Simulation, measure, scene, simulate, simulate_from};
 use gnp_data::Dataset;
 use std::path::Path;
