@@ -78,7 +78,7 @@ fn traffic_drives_on_from_a_recorded_scene() {
     assert!(measured.summary.safety.contacts.is_empty(), "{:?}", measured.summary.safety.contacts);
     for (wrong, said) in [
         (DriveOn { recording: Some("nowhere".to_owned()), ..of.clone() }, "there are"),
-        (DriveOn { at_s: 1e9, ..of.clone() }, "us101-24_1"),
+        (DriveOn { at_s: 1e9, ..of.clone() }, "us101-24_1 has 9.9 s"),
         (DriveOn { at_s: -1., ..of.clone() }, "cannot start at -1 s"),
         (DriveOn { seconds: f64::NAN, ..of.clone() }, "drive for NaN s"),
         (DriveOn { data: Some(folder.path().join("absent")), ..of.clone() }, "absent"),

@@ -310,7 +310,7 @@
   addEventListener("resize", draw);
   slider.max = data.frames - 1;
   // Traffic without forecasts has neither forces nor futures.
-  if (!data.forecasts.length) for (const part of document.querySelectorAll("#player .forecast, #forces, #modes, #neighbours, #chart")) part.hidden = true;
+  if (!data.forecasts.length) for (const part of document.querySelectorAll("#player .forecast, #forces, #modes, #neighbours, #chart")) part.style.display = "none";
   // `report.html#t=12.5&vehicle=7&theme=dark` opens that moment; without a vehicle the evaluated one with the
   // most neighbours in its forecast.
   const open = () => {

@@ -68,8 +68,13 @@ pub fn simulate_from(of: &DriveOn, machine: &Machine) -> Result<Vec<Measured>> {
     let settings = ReplaySettings { past_s: PAST_S, duration_s: of.seconds, every_s: of.seconds };
     let first = recording.tracks().iter().map(|track| track.first_frame).min().unwrap_or(0);
     let start = (PAST_S + of.at_s) * meta.rate_hz;
-    if !(start.is_finite() && of.at_s >= 0. && of.seconds > 0. && start < f64::from(u32::MAX - first)) {
+    if !(of.at_s >= 0. && of.seconds > 0.) {
         bail!(Recordings, "cannot start at {} s and drive for {} s", of.at_s, of.seconds);
+    }
+    let last = recording.tracks().iter().map(|track| track.last_frame()).max().unwrap_or(first);
+    let after = f64::from(last - first) / meta.rate_hz - PAST_S;
+    if of.at_s >= after {
+        bail!(Recordings, "{} has {after:.1} s after 3 s of past: it cannot start at {} s", meta.name, of.at_s);
     }
     let driven = |road: &usize| recording.tracks().iter().filter(|track| usize::from(track.road) == *road).count();
     let road = (0..recording.roads().len()).max_by_key(driven).unwrap_or(0);
