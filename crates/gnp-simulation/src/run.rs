@@ -5,15 +5,13 @@ use self::drivers::Cast;
 use crate::{
     error::SimulationError,
     recorder::Recorder,
-    scene::{ClosureSpec, InflowSpec, Scene},
+    scene::{InflowSpec, Scene},
 };
 use gnp_data::Recording;
 use gnp_force::{Drive, Event, Inflow, Obstacle, Road, Simulator, SimulatorParams, State, VehicleId};
 use serde::Serialize;
 use std::{collections::BTreeMap, ops::ControlFlow};
 
-/// Nobody enters a lane that is closed within so many metres.
-const ENTRY_M: f64 = 100.0;
 /// Least gap between vehicles at the start, m.
 const LEAST_GAP_M: f64 = 0.5;
 /// Time between looks at the speed limits, s.
@@ -244,10 +242,6 @@ impl<'a> Traffic<'a> {
             }
         }
         for lane in 0..self.inflows.len() {
-            let begins_closed = |closure: &ClosureSpec| closure.lane == lane && closure.from_m < ENTRY_M;
-            if self.spec.road.closures.iter().any(begins_closed) {
-                continue;
-            }
             let Some(y) = self.scene.road().lane_centre(lane) else { continue };
             let cast = &self.cast;
             // Those of the start were numbered before.

@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 
 /// Longest simulated time, s: a day.
 const MOST_SECONDS: f64 = 86_400.0;
+/// Where vehicles enter, no lane may be closed for so many metres.
+const ENTRY_M: f64 = 100.0;
 /// Most vehicles that start, and most lanes.
 const MOST: [usize; 2] = [100_000, 64];
 
@@ -284,7 +286,8 @@ impl Scene {
             let key = |part: &str| format!("road.closures.{part} (number {number})");
             let lane = closure.lane < road.lanes;
             require(lane, &key("lane"), closure.lane, &format!("below {}, 0 the rightmost", road.lanes))?;
-            within(&key("from_m"), closure.from_m, 0.0, road.length_m)?;
+            let entry = if self.inflow.is_some() { ENTRY_M } else { 0.0 };
+            within(&key("from_m"), closure.from_m, entry, road.length_m)?;
             // One that goes on to the end of the road may do so by a little more.
             within(&key("to_m"), closure.to_m, closure.from_m, road.length_m + 100.0)?;
         }

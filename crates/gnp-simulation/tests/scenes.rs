@@ -45,6 +45,7 @@ fn what_cannot_be_is_refused_with_its_key() {
         ("lanes = [0]", "lanes = [2]", "drivers.lanes (lorry)"),
         ("share = 4", "share = 4\nlanes = [0]", "without a kind that enters lane 1"),
         ("share = 4", "fitted = \"nowhere\"", "nowhere"),
+        ("length_m = 1000", "length_m = 1000\nclosures = [{ lane = 1, from_m = 50, to_m = 200 }]", "from 100 to 1000"),
         ("sigma = 0.1", "sigma = -0.1", "sigma"),
         ("detectors_m = [500]", "detectors_m = [5000]", "`detectors_m` is 5000"),
         ("warm_up_s = 60", "warm_up = 60", "line 4, column 1"),

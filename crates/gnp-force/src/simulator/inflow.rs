@@ -1,11 +1,12 @@
 //! Traffic that enters the road.
 use super::{
     Simulator, Vehicle, VehicleId,
+    lane_change::Next,
     noise::{mix, uniform},
 };
 use crate::{
     error::{ForceError, require},
-    rule::{Other, PairRule, Place},
+    rule::PairRule,
     scalar::lit,
 };
 use nalgebra::RealField;
@@ -145,7 +146,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     ///
     /// # Errors
     /// When a number of the vehicle is refused or its place is beside the road, as by [`Simulator::add`].
-    pub fn enter(&mut self, mut vehicle: Vehicle<T, R>) -> Result<Option<VehicleId>, ForceError> {
+    pub fn enter(&mut self, vehicle: Vehicle<T, R>) -> Result<Option<VehicleId>, ForceError> {
         vehicle.check(&self.params, self.time())?;
         let y = vehicle.state.position.y;
         if !self.road.contains(y) {
@@ -156,47 +157,37 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
             return Ok(None);
         }
         let speed = vehicle.state.velocity.x;
-        let id = self.place(vehicle.clone())?;
+        let id = self.place(vehicle)?;
         let index = self.index(id)?;
         let lane = self.order.lane(index);
         let leader = self.next(index, lane, true);
         let leading = leader.and_then(|next| next.who).map(|who| self.vehicles[who].state.velocity.x);
         let slower = leading.map_or(speed, |leading| speed.min(leading.max(T::zero())));
         let between = |quarters: f64| speed + (slower - speed) * lit(quarters / 4.0);
-        let fits = [0.0, 1.0, 2.0, 3.0, 4.0].map(between).into_iter().find(|speed| self.fits(index, *speed));
-        self.remove(id)?;
-        self.next_id = id.0;
-        let Some(speed) = fits else { return Ok(None) };
-        vehicle.state.velocity.x = speed;
-        let id = self.place(vehicle)?;
-        let index = self.index(id)?;
+        let fits = [0.0, 1.0, 2.0, 3.0, 4.0].map(between).into_iter().any(|speed| {
+            self.vehicles[index].state.velocity.x = speed;
+            self.fits(index)
+        });
+        if !fits {
+            self.remove(id)?;
+            self.next_id = id.0;
+            return Ok(None);
+        }
         // Who enters stays in his lane for a pause: else a full lane empties into the one beside, where nobody can enter.
         self.statuses[index].changed = Some(self.steps);
         Ok(Some(id))
     }
 
-    /// Whether a vehicle at `speed` m/s would neither brake hard nor make the one behind do so.
-    fn fits(&self, index: usize, speed: T) -> bool {
-        let mut me = self.ego(index);
-        me.state.velocity.x = speed;
+    /// Whether a vehicle would neither brake hard nor make the one behind do so.
+    fn fits(&self, index: usize) -> bool {
         let lane = self.order.lane(index);
-        let least = -lit::<T>(ENTRY_BRAKING);
-        let seen = |from: &crate::rule::Ego<T>, way: T, who: Option<usize>, velocity: T| Other {
-            state: crate::State::new(from.state.position.x + way, from.state.position.y, velocity, T::zero()),
-            extent: who.map_or_else(crate::Extent::point, |who| self.vehicles[who].extent),
-            place: Place::LEADER,
-        };
-        let ahead = self.next(index, lane, true).is_none_or(|next| {
-            let velocity = next.who.map_or_else(T::zero, |who| self.vehicles[who].state.velocity.x);
-            let other = seen(&me, next.way, next.who, velocity);
-            self.vehicles[index].rule.behind(&me, Some(&other)) >= least
-        });
-        let behind = self.next(index, lane, false).is_none_or(|next| {
-            let Some(who) = next.who else { return true };
+        let bears = |who: usize, leader: Next<T>| {
             let ego = self.ego(who);
-            self.vehicles[who].rule.behind(&ego, Some(&seen(&ego, next.way, Some(index), speed))) >= least
-        });
-        ahead && behind
+            self.vehicles[who].rule.behind(&ego, Some(&self.seen_ahead(&ego, leader))) >= -lit::<T>(ENTRY_BRAKING)
+        };
+        let behind = |Next { who, way }| who.is_none_or(|who| bears(who, Next { who: Some(index), way }));
+        self.next(index, lane, true).is_none_or(|ahead| bears(index, ahead))
+            && self.next(index, lane, false).is_none_or(behind)
     }
 }
 

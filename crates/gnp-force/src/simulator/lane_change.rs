@@ -203,7 +203,7 @@ impl<T: RealField + Copy, R: PairRule<T>> Simulator<T, R> {
     }
 
     /// Somebody at a distance, as the vehicle directly ahead.
-    fn seen_ahead(&self, me: &Ego<T>, next: Next<T>) -> Other<T> {
+    pub(super) fn seen_ahead(&self, me: &Ego<T>, next: Next<T>) -> Other<T> {
         let place = me.state.position;
         let other = next.who.map(|who| &self.vehicles[who]);
         let speed = other.map_or_else(T::zero, |other| other.state.velocity.x);
