@@ -258,6 +258,21 @@ impl PlatoonRule {
         Traffic::of(observation, spans(observation.shape()))
     }
 
+    /// Where the target is in each predicted frame, m, window frame, with lengths and speeds along the road `along`-fold;
+    /// sizes of vehicles stay. 1 is the prediction.
+    ///
+    /// # Errors
+    /// When the window observes too few frames, or the traffic in it cannot be.
+    pub fn path(&self, observation: &Observation<'_>, along: f64) -> Result<Vec<[f32; 2]>, PredictError> {
+        let shape = observation.shape();
+        let [_, vy] = velocity(observation, periods(NAME, shape, crate::ConstantVelocity::SPAN_S, 1)?);
+        let motion = self
+            .roll_out(observation.site(), &self.traffic(observation).scaled(along), &shape)
+            .map_err(|source| PredictError::Model { model: NAME.to_owned(), source: Box::new(source) })?;
+        let at = |step: usize| [motion.position(Traffic::TARGET, step), lateral(vy, step as f64 * shape.dt())];
+        Ok((1..=shape.t_pred).map(|step| at(step).map(|value| value as f32)).collect())
+    }
+
     /// Rolls traffic out over the predicted frames of `shape` with the drivers of `site`.
     ///
     /// # Errors
@@ -331,17 +346,8 @@ impl Predictor for PlatoonRule {
     }
 
     fn predict(&self, observations: &[Observation<'_>], _k: usize) -> Result<Vec<Forecast>, PredictError> {
-        let predict = |observation: &Observation<'_>| {
-            let shape = observation.shape();
-            let [_, vy] = velocity(observation, periods(NAME, shape, crate::ConstantVelocity::SPAN_S, 1)?);
-            let motion = self
-                .roll_out(observation.site(), &self.traffic(observation), &shape)
-                .map_err(|source| PredictError::Model { model: NAME.to_owned(), source: Box::new(source) })?;
-            let at = |step: usize| [motion.position(Traffic::TARGET, step), lateral(vy, step as f64 * shape.dt())];
-            let path = (1..=shape.t_pred).map(|step| at(step).map(|value| value as f32)).collect();
-            Ok(Forecast { modes: vec![Mode { probability: 1., path, explanation: None }] })
-        };
-        observations.iter().map(predict).collect()
+        let certain = |path| Forecast { modes: vec![Mode { probability: 1., path, explanation: None }] };
+        observations.iter().map(|observation| self.path(observation, 1.).map(certain)).collect()
     }
 }
 

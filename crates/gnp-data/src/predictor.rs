@@ -51,6 +51,15 @@ pub struct Mode {
     pub explanation: Option<Explanation>,
 }
 
+/// Index of the future that ends nearest to the mean of all, the first of equals: of several futures the *prediction*,
+/// because the squared error expected of it is the least. `ends` are positions in the last frame, m; `None` of none.
+#[must_use]
+pub fn nearest_to_mean(ends: &[[f32; 2]], probabilities: &[f32]) -> Option<usize> {
+    let mean = ends.iter().zip(probabilities).fold([0f32; 2], |m, (end, p)| [m[0] + p * end[0], m[1] + p * end[1]]);
+    let distance = |end: &[f32; 2]| (end[0] - mean[0]).hypot(end[1] - mean[1]);
+    (0..ends.len()).min_by(|a, b| distance(&ends[*a]).total_cmp(&distance(&ends[*b])))
+}
+
 /// Why a predictor gave no forecast.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

@@ -120,6 +120,7 @@ fn model(sizes: &Sizes, features: Features) -> Result<Gnp, Box<dyn Error>> {
         epoch: 0,
         scores: BTreeMap::new(),
         origin: None,
+        trust: None,
         trainer: None,
     };
     let of_force = Header { part: Component::Repulsion, goal: None, traj: Some(sizes.traj.clone()), ..header.clone() };

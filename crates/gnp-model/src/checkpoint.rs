@@ -65,6 +65,10 @@ pub struct Header {
     /// The run whose weights the training started from; none where they were drawn.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<Origin>,
+    /// Share of what the goal network expects on average beyond the reference path that had the least squared error over
+    /// the validation part, 0 to 1; none before it is fitted, and where there is no reference.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trust: Option<f64>,
     /// Epochs trained when the file was written.
     pub epoch: usize,
     /// Validation scores at that epoch, by name.

@@ -7,7 +7,7 @@ use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
 use gnp_data::{
     Explanation, Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, TermForces, Truth, Window,
-    WindowShape,
+    WindowShape, nearest_to_mean,
 };
 use gnp_goal::GoalNet;
 use gnp_modes::{ModeFrame, Modes};
@@ -21,8 +21,9 @@ use crate::contributions;
 use crate::error::ModelError;
 use crate::features::Features;
 use crate::scene::NeighbourFuture;
-use crate::select::{Selection, central, medoids};
+use crate::select::{Selection, medoids};
 use crate::situation::{ReferencePath, Situation};
+use crate::trust::Trust;
 
 /// A trained GNP. A clone is cheap and shares the networks.
 ///
@@ -160,21 +161,33 @@ impl Gnp {
         Self { selection, ..self }
     }
 
-    /// How much of what the network expects on average beyond the reference path is believed, 0 to 1; all of it unless
-    /// set. The rest is left out of every future, so that they keep their distances to each other. What is learned from
-    /// few windows is right about the direction more often than about the size.
+    /// How much of what the network expects on average beyond the reference path is believed; all of it unless
+    /// set. The rest is left out of every future, so that they keep their distances to each other.
     ///
     /// # Errors
-    /// [`ModelError::Config`] for another share, or for less than all where futures are no deviations from a reference.
-    pub fn trusting(self, trust: f64) -> Result<Self, ModelError> {
-        if !(0. ..=1.).contains(&trust) {
-            return Err(ModelError::config("predict.trust", "must be between 0 and 1"));
+    /// [`ModelError::Config`] for a share that is none, for a fitted one where none is kept with the weights, or for less than
+    /// all where futures are no deviations from a reference.
+    pub fn trusting(self, trust: Trust) -> Result<Self, ModelError> {
+        let refuse = |problem| Err(ModelError::config("predict.trust", problem));
+        let share = match trust {
+            Trust::Share(share) => share,
+            Trust::Fitted => match self.trained.header.trust {
+                Some(share) => share,
+                None => return refuse("is \"fitted\", but no share is kept with these weights: give one, such as 1.0"),
+            },
+        };
+        if !(0. ..=1.).contains(&share) {
+            return refuse("must be between 0 and 1");
         }
-        if trust < 1. && self.trained.features.mode_frame() == ModeFrame::Position {
-            let problem = "is below 1, but futures are positions and have no reference: set it to 1.0";
-            return Err(ModelError::config("predict.trust", problem));
+        if share < 1. && !self.has_reference() {
+            return refuse("is below 1, but futures are positions and have no reference: set it to 1.0");
         }
-        Ok(Self { trust: trust as f32, ..self })
+        Ok(Self { trust: share as f32, ..self })
+    }
+
+    /// Whether futures are deviations from a reference path.
+    pub(crate) fn has_reference(&self) -> bool {
+        self.trained.features.mode_frame() != ModeFrame::Position
     }
 
     /// Whether forecasts carry the forces of every step.
@@ -334,7 +347,8 @@ impl Gnp {
                 selection => {
                     let ends: Vec<_> =
                         paths.chunks_exact(path).map(|path| [path[path.len() - 2], path[path.len() - 1]]).collect();
-                    let first = if selection == Selection::Central { central(&ends, &probabilities) } else { None };
+                    let central = selection == Selection::Central;
+                    let first = if central { nearest_to_mean(&ends, &probabilities) } else { None };
                     medoids(&ends, &probabilities, k, first)
                 }
             };
@@ -345,17 +359,27 @@ impl Gnp {
         Ok(out)
     }
 
+    /// The mean of all decoded futures of each window, in its frame, m: what is expected before any share of it is left out.
+    pub(crate) fn expected(&self, situations: &[Situation<'_>]) -> Result<Vec<Vec<[f32; 2]>>, ModelError> {
+        let Trained { features, modes, centres, goal, device, .. } = &*self.trained;
+        let inputs = features.goal_inputs(situations, device)?;
+        let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, modes.len())?;
+        let futures = (goals.futures * features.config().length_scale)?.flatten_all()?.to_vec1::<f32>()?;
+        let by_window = futures.chunks_exact(2 * features.shape().t_pred * modes.len());
+        let probabilities = goals.probabilities.to_vec2::<f32>()?;
+        let mean = |(situation, (paths, probabilities)): (&Situation<'_>, (&[f32], &Vec<f32>))| {
+            features.to_window_frame(situation, &mean_path(paths, probabilities))
+        };
+        Ok(situations.iter().zip(by_window.zip(&probabilities)).map(mean).collect())
+    }
+
     /// Takes from the `paths` `[modes, t_pred, 2]` of a window, deviations, what is not believed of their mean.
     fn shrink(&self, paths: &mut [f32], probabilities: &[f32]) {
         if self.trust >= 1. {
             return;
         }
-        let values = paths.len() / probabilities.len().max(1);
-        let mut mean = vec![0f32; values];
-        for (path, probability) in paths.chunks_exact(values).zip(probabilities) {
-            mean.iter_mut().zip(path).for_each(|(mean, value)| *mean += probability * value);
-        }
-        for path in paths.chunks_exact_mut(values) {
+        let mean = mean_path(paths, probabilities);
+        for path in paths.chunks_exact_mut(mean.len().max(1)) {
             path.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= (1. - self.trust) * mean);
         }
     }
@@ -590,4 +614,13 @@ impl OraclePredictor for TrueGoal {
         let goals: Vec<_> = windows.iter().map(|window| vec![window.truth().goal()]).collect();
         self.gnp.predict_towards(&observations, &goals)
     }
+}
+/// Mean of `paths` `[modes, t_pred, 2]`, weighted by probability.
+fn mean_path(paths: &[f32], probabilities: &[f32]) -> Vec<f32> {
+    let values = paths.len() / probabilities.len().max(1);
+    let mut mean = vec![0f32; values];
+    for (path, probability) in paths.chunks_exact(values.max(1)).zip(probabilities) {
+        mean.iter_mut().zip(path).for_each(|(mean, value)| *mean += probability * value);
+    }
+    mean
 }

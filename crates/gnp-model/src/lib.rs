@@ -15,6 +15,7 @@ mod joint;
 mod scene;
 mod select;
 mod situation;
+mod trust;
 
 pub use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
 pub use crate::checkpoint::{Checkpoint, Component, Header, Origin};
@@ -24,4 +25,5 @@ pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
 pub use crate::scene::{NeighbourFuture, NeighbourInput};
 pub use crate::select::Selection;
 pub use crate::situation::{ReferencePath, Situation};
+pub use crate::trust::Trust;
 pub use candle_core::Device;

@@ -18,13 +18,6 @@ pub enum Selection {
     Central,
 }
 
-/// The goal nearest to the mean of all `goals`.
-pub(crate) fn central(goals: &[[f32; 2]], probabilities: &[f32]) -> Option<usize> {
-    let mean = goals.iter().zip(probabilities).fold([0f32; 2], |m, (g, p)| [m[0] + p * g[0], m[1] + p * g[1]]);
-    let distance = |goal: &[f32; 2]| (goal[0] - mean[0]).hypot(goal[1] - mean[1]);
-    (0..goals.len()).min_by(|a, b| distance(&goals[*a]).total_cmp(&distance(&goals[*b])))
-}
-
 /// Goals chosen by [`Selection::Medoids`]: indices into `goals`, with the probability of the goals each is nearest to,
 /// likeliest first but behind `first`, which is taken in any case. `goals` are in m; `probabilities` sum to 1.
 ///
@@ -97,7 +90,7 @@ mod tests {
     fn the_central_one_comes_first_also_where_others_are_likelier() {
         // Two likely places on either side of an unlikely one, which is where the mean is.
         let (goals, probabilities) = ([[-6., 0.], [0.5, 0.], [7., 0.], [7.5, 0.]], [0.44, 0.1, 0.2, 0.26]);
-        assert_eq!(central(&goals, &probabilities), Some(1));
+        assert_eq!(gnp_data::nearest_to_mean(&goals, &probabilities), Some(1));
         let picked = medoids(&goals, &probabilities, 3, Some(1));
         assert_eq!(picked.iter().map(|p| p.0).collect::<Vec<_>>(), [1, 3, 0]);
         assert!((picked[0].1 - 0.1).abs() < 1e-6 && (picked[1].1 - 0.46).abs() < 1e-6, "{picked:?}");

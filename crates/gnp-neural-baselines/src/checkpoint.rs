@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use gnp_baselines::PlatoonRule;
 use gnp_data::{Dataset, WindowShape};
 use gnp_file::FileHeader;
 use serde::{Deserialize, Serialize};
 
 use crate::kind::NeuralBaseline;
-use crate::recipe::Recipe;
+use crate::recipe::{OutputForm, Recipe};
 
 /// Weights of a learned baseline.
 pub(crate) type Checkpoint = gnp_nn::Checkpoint<Header>;
@@ -25,6 +26,11 @@ pub struct Header {
     pub shape: WindowShape,
     /// How it was trained, its seed included.
     pub recipe: Recipe,
+    /// The rule whose path its points are counted from; `None` for the published form.
+    pub reference: Option<PlatoonRule>,
+    /// Share of the mean deviation from that path that is believed, 0 to 1: the one with the least squared error over the
+    /// validation part. `None` for the published form, and while training goes on.
+    pub trust: Option<f64>,
     /// Hash of the split trained on.
     pub split_hash: String,
     /// Version of the code that trained.
@@ -37,9 +43,17 @@ pub struct Header {
     pub trainer: Option<String>,
 }
 
+impl Header {
+    /// What the network's points are counted from.
+    #[must_use]
+    pub fn form(&self) -> OutputForm {
+        if self.reference.is_some() { OutputForm::Deviation } else { OutputForm::Published }
+    }
+}
+
 impl FileHeader for Header {
     const KEY: &'static str = "gnp-neural-baselines";
-    const FORMAT: u32 = 1;
+    const FORMAT: u32 = 2;
     const WHAT: &'static str = "a learned baseline";
     const REMEDY: &'static str = "train again";
 }

@@ -86,16 +86,15 @@ impl ColumnNetwork {
         folder.join(format!("{STEM}.safetensors"))
     }
 
-    /// Trains in `folder`, which exists, beside `platoon`, which was fitted to the same training part; or only reads what
+    /// Trains in `folder`, which exists, beside the reference rule of `data`, a platoon; or only reads what
     /// was trained there before. The validation part chooses nothing: weights are those of the last epoch. `observer` sees
     /// the trainings of all networks, one after another.
     ///
     /// # Errors
-    /// When the recipe cannot be used, the folder holds another training, training diverges, or `stop` was raised
+    /// When the recipe cannot be used, there is no reference rule, the folder holds another training, training diverges, or `stop` was raised
     /// ([`NeuralBaselineError::Interrupted`]; the next call starts over).
     pub fn train(
         recipe: &ColumnRecipe,
-        platoon: &PlatoonRule,
         data: &Training<'_>,
         folder: &Path,
         device: &Device,
@@ -103,6 +102,7 @@ impl ColumnNetwork {
         stop: &AtomicBool,
     ) -> Result<Self, NeuralBaselineError> {
         recipe.check()?;
+        let platoon = data.reference.ok_or(NeuralBaselineError::NeedsReference { name: NAME })?;
         let path = Self::path(folder);
         let recordings = data.set.recordings();
         let none = || NeuralBaselineError::Windows { problem: "there are none".to_owned() };

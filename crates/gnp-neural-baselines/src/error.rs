@@ -46,6 +46,14 @@ pub enum NeuralBaselineError {
         /// Name of the baseline.
         kind: &'static str,
     },
+    /// A network that learns what is left of a rule was to be trained without it.
+    #[error(
+        "{name} learns what a rule leaves; give the platoon, fitted to the training windows, as `Training::reference`"
+    )]
+    NeedsReference {
+        /// Its name.
+        name: &'static str,
+    },
     /// A network that takes no plan was to be given one.
     #[error("{kind} takes no plan; only PiP does")]
     NoPlan {

@@ -41,10 +41,10 @@ pub(crate) struct Grid<'a> {
 impl<'a> Grid<'a> {
     /// One vehicle a cell, the nearer one (then the smaller id), so that the order in which
     /// vehicles are listed does not matter. Only those with a whole past stand in a grid.
-    fn new(mut found: Vec<(usize, Neighbour<'a>)>) -> Self {
+    fn new(mut found: Vec<(usize, Neighbour<'a>)>, along: f32) -> Self {
         let distance = |neighbour: &Neighbour<'_>| {
             let now = neighbour.now();
-            now.x.hypot(now.y)
+            (now.x * along).hypot(now.y)
         };
         found.sort_by(|(a, first), (b, second)| {
             let near = distance(first).total_cmp(&distance(second));
@@ -60,28 +60,29 @@ impl<'a> Grid<'a> {
 
 /// The 13 x 3 grid by lane (Deo and Trivedi 2018): rows of 15 feet from 90 feet behind to 90 feet
 /// ahead, columns left, own and right lane. Lanes are counted between the road's lines; where there
-/// are none, by lateral distance.
+/// are none, by lateral distance. Distances along the road count `along`-fold.
 #[must_use]
-pub(crate) fn by_lane<'a>(observation: &Observation<'a>) -> Grid<'a> {
+pub(crate) fn by_lane<'a>(observation: &Observation<'a>, along: f32) -> Grid<'a> {
     let lines: Vec<LaneMarking> = observation.lines().collect();
     let cell = |neighbour: Neighbour<'a>| {
         whole_past(observation, &neighbour).then_some(())?;
         let now = neighbour.now();
-        let cell = lane_cell(now.x, lanes_to_left(&lines, now.y))?;
+        let cell = lane_cell(now.x * along, lanes_to_left(&lines, now.y))?;
         Some((cell, neighbour))
     };
-    Grid::new(observation.others().filter_map(cell).collect())
+    Grid::new(observation.others().filter_map(cell).collect(), along)
 }
 
-/// The 25 x 5 grid by position of PiP (Song et al. 2020): cells of 8 by 7 feet, 200 feet by 35.
+/// The 25 x 5 grid by position of PiP (Song et al. 2020): cells of 8 by 7 feet, 200 feet by 35. Distances along the road
+/// count `along`-fold.
 #[must_use]
-pub(crate) fn by_place<'a>(observation: &Observation<'a>) -> Grid<'a> {
+pub(crate) fn by_place<'a>(observation: &Observation<'a>, along: f32) -> Grid<'a> {
     let cell = |neighbour: Neighbour<'a>| {
         whole_past(observation, &neighbour).then_some(())?;
         let now = neighbour.now();
-        Some((place_cell([now.x, now.y])?, neighbour))
+        Some((place_cell([now.x * along, now.y])?, neighbour))
     };
-    Grid::new(observation.others().filter_map(cell).collect())
+    Grid::new(observation.others().filter_map(cell).collect(), along)
 }
 
 /// Tracks have no gaps: who was there in the first observed frame was there in all.

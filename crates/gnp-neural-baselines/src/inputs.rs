@@ -4,7 +4,7 @@ use candle_core::{Device, Result, Tensor};
 use gnp_data::{Neighbour, TrackState, Truth, VehicleClass};
 
 use crate::grid::{LANE_CELLS, by_lane};
-use crate::oriented_view::{Orientation, OrientedView};
+use crate::oriented_view::{OrientedView, Variation};
 use crate::time_grid::{RATE_HZ, TimeGrid};
 
 /// Brings windows to the published networks' form: points at 5 Hz, first axis to the right, second
@@ -60,12 +60,12 @@ impl Inputs {
 
     /// The target's path, oldest point first.
     pub(crate) fn target(&self, seen: &OrientedView<'_>) -> Vec<[f32; 2]> {
-        self.frames().map(|frame| self.point(seen.side.turn(seen.observation.target(frame)))).collect()
+        self.frames().map(|frame| self.point(seen.variation.turn(seen.observation.target(frame)))).collect()
     }
 
     /// A neighbour's path in the target's window frame.
-    pub(crate) fn neighbour(&self, neighbour: &Neighbour<'_>, side: Orientation) -> Vec<[f32; 2]> {
-        self.frames().map(|frame| self.point(side.turn(neighbour.state(frame).unwrap_or_default()))).collect()
+    pub(crate) fn neighbour(&self, neighbour: &Neighbour<'_>, variation: Variation) -> Vec<[f32; 2]> {
+        self.frames().map(|frame| self.point(variation.turn(neighbour.state(frame).unwrap_or_default()))).collect()
     }
 
     fn frames(&self) -> impl Iterator<Item = usize> {
@@ -84,12 +84,12 @@ impl Inputs {
         for (b, seen) in windows.iter().enumerate() {
             targets.push(self.target(seen));
             target_classes.push(seen.observation.class());
-            let grid = by_lane(&seen.observation);
+            let grid = by_lane(&seen.observation, seen.variation.along);
             collisions += grid.collisions;
             for occupant in grid.occupants {
-                neighbours.push(self.neighbour(&occupant.neighbour, seen.side));
+                neighbours.push(self.neighbour(&occupant.neighbour, seen.variation));
                 neighbour_classes.push(occupant.neighbour.class());
-                cells.push((LANE_CELLS * b + seen.side.lane_cell(occupant.cell)) as u32);
+                cells.push((LANE_CELLS * b + seen.variation.lane_cell(occupant.cell)) as u32);
             }
         }
         let points = self.clock.past();
@@ -114,14 +114,14 @@ impl Inputs {
     /// When the tensor cannot be made.
     pub(crate) fn futures<'t>(
         &self,
-        truths: impl ExactSizeIterator<Item = (Truth<'t>, Orientation)>,
+        truths: impl ExactSizeIterator<Item = (Truth<'t>, Variation)>,
         device: &Device,
     ) -> Result<Tensor> {
         let (windows, points) = (truths.len(), self.clock.future());
         let mut values = Vec::with_capacity(windows * points * 2);
-        for (truth, side) in truths {
+        for (truth, variation) in truths {
             for k in 0..points {
-                values.extend(self.point(side.turn(truth.target(self.clock.predicted_frame(k)))));
+                values.extend(self.point(variation.turn(truth.target(self.clock.predicted_frame(k)))));
             }
         }
         Tensor::from_vec(values, (windows, points, 2), device)

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::recipe::OutputForm;
+
 /// A learned baseline. What it is called in tables says what it knew.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -52,7 +54,25 @@ impl NeuralBaseline {
         }
     }
 
-    /// Stem of its files; two that share a network share it.
+    /// Name in tables in a form of output.
+    #[must_use]
+    pub fn name_in(self, form: OutputForm) -> String {
+        match form {
+            OutputForm::Published => self.name().to_owned(),
+            OutputForm::Deviation => format!("{}, our data treatment", self.name()),
+        }
+    }
+
+    /// Stem of its files in a form of output; two that share a network share it.
+    #[must_use]
+    pub fn stem_in(self, form: OutputForm) -> String {
+        match form {
+            OutputForm::Published => self.stem().to_owned(),
+            OutputForm::Deviation => format!("{}_deviation", self.stem()),
+        }
+    }
+
+    /// Its table in a file of recipes; two that share a network share it.
     #[must_use]
     pub fn stem(self) -> &'static str {
         match self {

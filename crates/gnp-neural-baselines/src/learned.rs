@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use candle_core::{DType, Device};
+use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
 use gnp_data::{Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, Truth, Window, WindowShape};
 
@@ -14,7 +14,9 @@ use crate::inputs::Inputs;
 use crate::kind::NeuralBaseline;
 use crate::net::Net;
 use crate::network::{Ask, Output};
-use crate::oriented_view::{Orientation, OrientedView};
+use crate::oriented_view::{OrientedView, Variation};
+use crate::recipe::OutputForm;
+use crate::stage::predictions;
 use crate::time_grid::TimeGrid;
 
 /// Windows that go through a network at once.
@@ -28,6 +30,7 @@ const BATCH: usize = 128;
 #[derive(Debug)]
 pub struct TrainedBaseline {
     kind: NeuralBaseline,
+    name: String,
     header: Header,
     net: Net,
 }
@@ -45,11 +48,11 @@ impl TrainedBaseline {
             constants.insert(name, tensor.to_device(device)?);
         }
         let vb = VarBuilder::from_tensors(constants, DType::F32, device);
-        let net =
-            Net::new(header.kind, &header.recipe, inputs(header.shape, header.recipe.unit_m)?, &vb).map_err(|e| {
-                NeuralBaselineError::checkpoint(path, format!("does not hold this network ({e}): train again"))
-            })?;
-        Ok(Self { kind: header.kind, header, net })
+        let inputs = inputs(header.shape, header.recipe.unit_m)?;
+        let net = Net::new(header.kind, &header.recipe, header.reference.clone(), inputs, &vb).map_err(|e| {
+            NeuralBaselineError::checkpoint(path, format!("does not hold this network ({e}): train again"))
+        })?;
+        Ok(Self { kind: header.kind, name: header.kind.name_in(header.form()), header, net })
     }
 
     /// The same PiP network with plans of constant velocity instead of recorded ones.
@@ -62,6 +65,7 @@ impl TrainedBaseline {
         }
         self.net.plan_constant_velocity();
         self.kind = NeuralBaseline::PipSurrogate;
+        self.name = self.kind.name_in(self.form());
         Ok(self)
     }
 
@@ -69,6 +73,12 @@ impl TrainedBaseline {
     #[must_use]
     pub fn kind(&self) -> NeuralBaseline {
         self.kind
+    }
+
+    /// What its points are counted from.
+    #[must_use]
+    pub fn form(&self) -> OutputForm {
+        self.header.form()
     }
 
     /// What it was trained on, and how.
@@ -96,7 +106,7 @@ impl TrainedBaseline {
             let truths: Vec<Truth<'_>> = windows.iter().map(Window::truth).collect();
             let output = self.forward(&observations, self.kind.uses_future().then_some(&truths))?;
             let values = || {
-                let truths = windows.iter().map(|window| (window.truth(), Orientation::Recorded));
+                let truths = windows.iter().map(|window| (window.truth(), Variation::RECORDED));
                 let truth = self.net.inputs.futures(truths, self.net.device())?.unsqueeze(1)?;
                 mixture_nll(&output.gaussians.nll(&truth)?, &output.log_probability)?.mean(1)?.to_vec1::<f32>()
             };
@@ -106,21 +116,50 @@ impl TrainedBaseline {
         Ok(all)
     }
 
+    #[cfg(test)]
+    pub(crate) fn net(&self) -> &Net {
+        &self.net
+    }
+
     fn forward(
         &self,
         observations: &[Observation<'_>],
         truths: Option<&Vec<Truth<'_>>>,
     ) -> Result<Output, PredictError> {
         let seen: Vec<OrientedView<'_>> = observations.iter().map(OrientedView::recorded).collect();
-        self.net.forward(&seen, truths.map(Vec::as_slice), Ask::Predict).map_err(|e| self.fail(e))
+        let output = self.net.forward(&seen, truths.map(Vec::as_slice), Ask::Predict);
+        output.and_then(|output| output.trusting(self.header.trust.unwrap_or(1.))).map_err(|e| self.fail(e))
+    }
+
+    /// The share of the mean deviation from the reference path with the least squared error over `windows`, each counted
+    /// with its weight; `None` in the published form. It may only be asked before there is one.
+    pub(crate) fn fitted_trust(&self, windows: &[(Window<'_>, f64)]) -> Result<Option<f64>, NeuralBaselineError> {
+        let (mut product, mut square) = (0., 0.);
+        for windows in windows.chunks(BATCH) {
+            let seen: Vec<OrientedView<'_>> =
+                windows.iter().map(|(window, _)| OrientedView::recorded(&window.observation())).collect();
+            let truths: Vec<Truth<'_>> = windows.iter().map(|(window, _)| window.truth()).collect();
+            let output = self.net.forward(&seen, self.kind.uses_future().then_some(&truths[..]), Ask::Predict)?;
+            let Some(reference) = &output.reference else { return Ok(None) };
+            let recorded = truths.iter().map(|truth| (*truth, Variation::RECORDED));
+            let recorded = (self.net.inputs.futures(recorded, self.net.device())? - reference)?;
+            let learned = (output.mixture_mean()? - reference)?;
+            let sums = |x: Tensor| x.flatten_from(1)?.sum(1)?.to_vec1::<f32>();
+            let (products, squares) = (sums((&learned * &recorded)?)?, sums(learned.sqr()?)?);
+            for ((_, weight), (p, s)) in windows.iter().zip(products.iter().zip(&squares)) {
+                product += weight * f64::from(*p);
+                square += weight * f64::from(*s);
+            }
+        }
+        Ok(Some(if square > 0. { (product / square).clamp(0., 1.) } else { 0. }))
     }
 
     fn fail(&self, source: impl std::error::Error + Send + Sync + 'static) -> PredictError {
-        PredictError::Model { model: self.kind.name().to_owned(), source: Box::new(source) }
+        PredictError::Model { model: self.name.clone(), source: Box::new(source) }
     }
 
     fn check(&self, observations: &[Observation<'_>]) -> Result<(), PredictError> {
-        PredictError::check_shapes(self.kind.name(), self.header.shape, observations)
+        PredictError::check_shapes(&self.name, self.header.shape, observations)
     }
 
     fn predict_with(
@@ -139,16 +178,20 @@ impl TrainedBaseline {
         Ok(forecasts)
     }
 
-    /// The `k` likeliest futures of each window, at least one, with probabilities that sum to 1.
+    /// The prediction and the `k - 1` likeliest other futures of each window, with probabilities that sum to 1.
     fn forecasts(&self, output: &Output, k: usize) -> candle_core::Result<Vec<Forecast>> {
         let log_p = output.log_probability.to_vec2::<f32>()?;
         let inputs = self.net.inputs;
         let (windows, modes, points, _) = output.gaussians.mean.dims4()?;
         let means = output.gaussians.mean.flatten_all()?.to_vec1::<f32>()?;
         let (means, _) = means.as_chunks::<2>();
+        let predictions = predictions(output)?;
         let window = |w: usize| {
             let mut order: Vec<usize> = (0..modes).collect();
-            order.sort_by(|a, b| log_p[w][*b].total_cmp(&log_p[w][*a]));
+            order.sort_by(|a, b| {
+                let first = |mode: usize| mode != predictions[w];
+                first(*a).cmp(&first(*b)).then(log_p[w][*b].total_cmp(&log_p[w][*a]))
+            });
             order.truncate(k.max(1));
             let sum: f32 = order.iter().map(|mode| log_p[w][*mode].exp()).sum();
             let mode = |mode: usize| {
@@ -170,7 +213,7 @@ pub(crate) fn inputs(shape: WindowShape, unit_m: f64) -> Result<Inputs, NeuralBa
 
 impl Predictor for TrainedBaseline {
     fn name(&self) -> &str {
-        self.kind.name()
+        &self.name
     }
 
     fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
@@ -187,7 +230,7 @@ pub struct WithFuture<'a>(&'a TrainedBaseline);
 
 impl OraclePredictor for WithFuture<'_> {
     fn name(&self) -> &str {
-        self.0.kind.name()
+        &self.0.name
     }
 
     fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {

@@ -41,5 +41,5 @@ pub use crate::column::{ColumnHeader, ColumnNetwork, ColumnRecipe};
 pub use crate::error::NeuralBaselineError;
 pub use crate::kind::NeuralBaseline;
 pub use crate::learned::{TrainedBaseline, WithFuture};
-pub use crate::recipe::{ClassLoss, Recipe};
+pub use crate::recipe::{ClassLoss, OutputForm, Recipe};
 pub use crate::train::Training;

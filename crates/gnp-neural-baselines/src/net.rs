@@ -1,15 +1,16 @@
 //! A network of any kind together with what brings windows to it.
 
-use candle_core::{Device, Result};
+use candle_core::{Device, Error, Result, Tensor};
 use candle_nn::VarBuilder;
-use gnp_data::Truth;
+use gnp_baselines::PlatoonRule;
+use gnp_data::{TrackState, Truth};
 use tracing::debug;
 
 use crate::cslstm::CsLstm;
 use crate::inputs::{Inputs, Past};
 use crate::kind::NeuralBaseline;
 use crate::network::{Ask, Network, Output};
-use crate::oriented_view::OrientedView;
+use crate::oriented_view::{OrientedView, Variation};
 use crate::pip::{Pip, Plan, Scenes};
 use crate::recipe::Recipe;
 use crate::slstm::SLstm;
@@ -20,6 +21,8 @@ use crate::stdan::{Stdan, StdanSizes};
 pub(crate) struct Net {
     pub(crate) inputs: Inputs,
     body: Body,
+    /// Whose path the network's points are counted from; `None` for the last observed position, as published.
+    reference: Option<PlatoonRule>,
     device: Device,
 }
 
@@ -33,7 +36,13 @@ enum Body {
 
 impl Net {
     /// The network of `kind` on the weights behind `vb`.
-    pub(crate) fn new(kind: NeuralBaseline, recipe: &Recipe, inputs: Inputs, vb: &VarBuilder) -> Result<Self> {
+    pub(crate) fn new(
+        kind: NeuralBaseline,
+        recipe: &Recipe,
+        reference: Option<PlatoonRule>,
+        inputs: Inputs,
+        vb: &VarBuilder,
+    ) -> Result<Self> {
         let points = inputs.clock.future();
         let body = match kind {
             NeuralBaseline::SLstm => Body::Lanes(Box::new(SLstm::new(points, vb)?), false),
@@ -54,7 +63,7 @@ impl Net {
                 Body::Lanes(Box::new(Stdan::new(sizes, masked, vb)?), true)
             }
         };
-        Ok(Self { inputs, body, device: vb.device().clone() })
+        Ok(Self { inputs, body, reference, device: vb.device().clone() })
     }
 
     /// The futures of `windows`; `truths` for the kind that is handed them, and for no other.
@@ -64,6 +73,33 @@ impl Net {
         truths: Option<&[Truth<'_>]>,
         ask: Ask<'_>,
     ) -> Result<Output> {
+        let mut output = self.decoded(windows, truths, ask)?;
+        output.reference = self.reference_points(windows)?;
+        if let Some(reference) = &output.reference {
+            output.gaussians.mean = output.gaussians.mean.broadcast_add(&reference.unsqueeze(1)?)?;
+        }
+        Ok(output)
+    }
+
+    /// Where the reference path of each window is, in the networks' unit and axes, `[windows, points, 2]`; `None` for a
+    /// network that has no reference.
+    fn reference_points(&self, windows: &[OrientedView<'_>]) -> Result<Option<Tensor>> {
+        let Some(rule) = &self.reference else { return Ok(None) };
+        let points = self.inputs.clock.future();
+        let mut values = Vec::with_capacity(windows.len() * points * 2);
+        for seen in windows {
+            // The rule stretches traffic itself, since gaps between vehicles that keep their sizes are no multiple.
+            let side = Variation { along: 1., ..seen.variation };
+            let path = rule.path(&seen.observation, f64::from(seen.variation.along)).map_err(Error::wrap)?;
+            for k in 0..points {
+                let [x, y] = path.get(self.inputs.clock.predicted_frame(k)).copied().unwrap_or_default();
+                values.extend(self.inputs.point(side.turn(TrackState { x, y, ..TrackState::default() })));
+            }
+        }
+        Tensor::from_vec(values, (windows.len(), points, 2), &self.device).map(Some)
+    }
+
+    fn decoded(&self, windows: &[OrientedView<'_>], truths: Option<&[Truth<'_>]>, ask: Ask<'_>) -> Result<Output> {
         match &self.body {
             Body::Lanes(network, features) => {
                 let past = self.inputs.past(windows, *features, &self.device)?;

@@ -28,6 +28,25 @@ pub(crate) struct Output {
     pub(crate) log_probability: Tensor,
     /// Probabilities of the manoeuvre classes, for networks that have them.
     pub(crate) classes: Option<Classes>,
+    /// The path that means are counted from, which they contain, `[windows, points, 2]`; `None` in the published form.
+    pub(crate) reference: Option<Tensor>,
+}
+
+impl Output {
+    /// Mean of all modes, `[windows, points, 2]`.
+    pub(crate) fn mixture_mean(&self) -> Result<Tensor> {
+        let probability = self.log_probability.exp()?.unsqueeze(2)?.unsqueeze(3)?;
+        self.gaussians.mean.broadcast_mul(&probability)?.sum(1)
+    }
+
+    /// The same with the share `trust` of the mean deviation from the reference left of it, modes as far apart as they were.
+    pub(crate) fn trusting(mut self, trust: f64) -> Result<Self> {
+        if let Some(reference) = self.reference.as_ref().filter(|_| trust < 1.) {
+            let taken = ((self.mixture_mean()? - reference)? * (1. - trust))?;
+            self.gaussians.mean = self.gaussians.mean.broadcast_sub(&taken.unsqueeze(1)?)?;
+        }
+        Ok(self)
+    }
 }
 
 /// Probabilities of manoeuvre classes.
@@ -140,5 +159,5 @@ pub(crate) fn decode(
         Some(classes) if modes > 1 => classes.log_probability()?,
         _ => Tensor::zeros((windows, 1), DType::F32, codes.device())?,
     };
-    Ok(Output { gaussians: gaussians.reshape(&[windows, modes, points])?, log_probability, classes })
+    Ok(Output { gaussians: gaussians.reshape(&[windows, modes, points])?, log_probability, classes, reference: None })
 }

@@ -17,28 +17,43 @@ pub enum ClassLoss {
     Categorical,
 }
 
+/// What a network's points are counted from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OutputForm {
+    /// From where the vehicle was last seen, as published.
+    Published,
+    /// From the platoon's path, as GNP's are. How much of the mean deviation is believed is fitted to the validation
+    /// part.
+    Deviation,
+}
+
 /// What one baseline is trained with. The published values stand beside each key.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
-    /// Epochs in which the mean squared error is minimised: 5; STDAN 6.
-    pub warm_up_epochs: usize,
-    /// Epochs after them in which the negative log-likelihood is: 3; PiP 10; STDAN 14.
-    pub likelihood_epochs: usize,
+    /// Optimiser steps, rounded to whole passes over the training windows, one at the least. Published trainings are counted in passes over
+    /// millions of windows: 8, PiP 15, STDAN 20.
+    pub steps: usize,
+    /// Share of the passes in which the mean squared error is minimised; in those after them the negative
+    /// log-likelihood is: 5 of 8; PiP 5 of 15; STDAN 6 of 20.
+    pub warm_up: f64,
     /// Windows in a mini-batch: 128; PiP 64.
     pub batch: usize,
-    /// Windows drawn for an epoch; 0 takes all, as published.
-    pub epoch_windows: usize,
-    /// Adam's learning rate in the first epoch: 1e-3; STDAN 5e-4.
+    /// 0 draws windows alike, as published; 1 gives every site the same share. The validation score weighs likewise.
+    pub site_sampling_exponent: f64,
+    /// Adam's learning rate before the schedule: 1e-3; STDAN 5e-4.
     pub learning_rate: f64,
-    /// Factor on it after each epoch: 1; STDAN 0.6.
-    pub decay: f64,
+    /// How it changes: constant; for STDAN 0.6 after each epoch.
+    pub schedule: Schedule,
     /// Share of every weight that Adam takes off in a step, per unit of learning rate: 0.
     pub weight_decay: f64,
     /// Longest gradient, over all weights together: 10. 0 is off.
     pub clip_norm: f64,
     /// Share of training windows that are seen with left and right exchanged: 0.
     pub mirror: f64,
+    /// Largest factor on lengths along the road in training, either way: 1.
+    pub longitudinal_scale: f64,
     /// How manoeuvre probabilities are learned.
     pub class_loss: ClassLoss,
     /// Whether they are from the first epoch on (STDAN) or only after the warm-up.
@@ -60,44 +75,58 @@ impl Recipe {
     /// [`NeuralBaselineError::Recipe`] with the first key that cannot, and what to write instead;
     /// [`NeuralBaselineError::Train`] for keys that the training loop checks.
     pub fn check(&self) -> Result<(), NeuralBaselineError> {
-        let positive = |value: f64| value.is_finite() && value > 0.;
         let refuse =
             |key, value: f64, remedy| Err(NeuralBaselineError::Recipe { key, value: value.to_string(), remedy });
-        if self.epochs() == 0 {
-            return refuse("likelihood_epochs", 0., "train for 1 epoch or more in all");
+        if self.steps == 0 {
+            return refuse("steps", 0., "train for 1 step or more");
         }
-        if !positive(self.decay) || self.decay > 1. {
-            return refuse("decay", self.decay, "give a factor above 0 and at most 1, such as 1.0");
+        if !(0. ..=1.).contains(&self.warm_up) {
+            return refuse(
+                "warm_up",
+                self.warm_up,
+                "give a share between 0 (likelihood alone) and 1 (squared error alone)",
+            );
         }
-        if !positive(self.unit_m) {
+        if !(self.unit_m.is_finite() && self.unit_m > 0.) {
             return refuse("unit_m", self.unit_m, "give a length in m, such as 0.3048");
         }
         if !(0. ..=1.).contains(&self.mirror) {
             return refuse("mirror", self.mirror, "give a share between 0 (as published) and 1");
         }
-        self.training().check().map_err(|error| NeuralBaselineError::Train(Box::new(error)))
+        if !(self.longitudinal_scale.is_finite() && self.longitudinal_scale >= 1.) {
+            return refuse(
+                "longitudinal_scale",
+                self.longitudinal_scale,
+                "give a factor of 1 (none) or more, such as 1.2",
+            );
+        }
+        self.training(self.batch).check().map_err(|error| NeuralBaselineError::Train(Box::new(error)))
     }
 
-    /// Epochs in all.
+    /// Passes over so many training windows, of which [`Recipe::warm_up_epochs`] come first.
     #[must_use]
-    pub fn epochs(&self) -> usize {
-        self.warm_up_epochs + self.likelihood_epochs
+    pub fn epochs(&self, windows: usize) -> usize {
+        let batches = windows.div_ceil(self.batch.max(1)).max(1);
+        ((self.steps as f64 / batches as f64).round() as usize).max(1)
     }
 
-    /// Configuration of the training loop.
-    pub(crate) fn training(&self) -> TrainConfig {
-        let schedule = if self.decay == 1. {
-            Schedule::Constant {}
-        } else {
-            Schedule::Step { factor: self.decay, epochs: (1..self.epochs()).collect() }
-        };
+    /// Passes in which the squared error is minimised. At least one of likelihood follows, unless there is to be none.
+    #[must_use]
+    pub fn warm_up_epochs(&self, windows: usize) -> usize {
+        let epochs = self.epochs(windows);
+        let most = if self.warm_up >= 1. { epochs } else { epochs - 1 };
+        ((self.warm_up * epochs as f64).round() as usize).min(most)
+    }
+
+    /// Configuration of the training loop on so many windows.
+    pub(crate) fn training(&self, windows: usize) -> TrainConfig {
         TrainConfig {
-            epochs: self.epochs(),
+            epochs: self.epochs(windows),
             batch: self.batch,
-            epoch_windows: self.epoch_windows,
-            site_sampling_exponent: 0.,
+            epoch_windows: 0,
+            site_sampling_exponent: self.site_sampling_exponent,
             learning_rate: self.learning_rate,
-            schedule,
+            schedule: self.schedule.clone(),
             weight_decay: self.weight_decay,
             clip_norm: self.clip_norm,
             patience: 0,
@@ -110,8 +139,9 @@ impl Recipe {
 mod tests {
     use super::*;
 
-    const GOOD: &str = "warm_up_epochs = 5\nlikelihood_epochs = 3\nbatch = 128\nepoch_windows = 0\nlearning_rate = 1e-3\n\
-                        decay = 0.5\nweight_decay = 0.0\nclip_norm = 10.0\nmirror = 0.5\nclass_loss = \"binary\"\nclass_loss_in_warm_up = false\n\
+    const GOOD: &str = "steps = 800\nwarm_up = 0.625\nbatch = 10\nsite_sampling_exponent = 0.5\nlearning_rate = 1e-3\n\
+                        schedule = { kind = \"constant\" }\nweight_decay = 0.0\nclip_norm = 10.0\nmirror = 0.5\n\
+                        longitudinal_scale = 1.2\nclass_loss = \"binary\"\nclass_loss_in_warm_up = false\n\
                         unit_m = 0.3048\nfused_targets = 8\nseed = 1\n";
 
     fn parse(text: &str) -> Result<Recipe, String> {
@@ -121,25 +151,32 @@ mod tests {
     }
 
     #[test]
-    fn every_key_is_needed_and_bad_values_are_named() {
+    fn a_budget_of_steps_is_a_number_of_passes() {
         let recipe = parse(GOOD).expect("the good one");
-        let factor = |epoch| {
-            let at = gnp_train::Position { epoch, epochs: 8, batch: 0, batches: 3 };
-            recipe.training().schedule.factor(at)
-        };
-        assert_eq!([factor(0), factor(1), factor(7)], [1., 0.5, 0.5f64.powi(7)]);
+        let passes = |recipe: &Recipe, windows| (recipe.epochs(windows), recipe.warm_up_epochs(windows));
+        assert_eq!(passes(&recipe, 1000), (8, 5));
+        assert_eq!(passes(&recipe, 995), (8, 5), "a last batch that is not full is a step");
+        assert_eq!(passes(&recipe, 100_000), (1, 0), "likelihood trains the spreads, so that it is not left out");
+        assert_eq!(passes(&Recipe { warm_up: 1., ..recipe.clone() }, 1000), (8, 8));
+        assert_eq!(passes(&Recipe { warm_up: 0., ..recipe }, 1000), (8, 0));
+    }
+
+    #[test]
+    fn every_key_is_needed_and_bad_values_are_named() {
         for line in GOOD.lines() {
             let key = line.split(' ').next().unwrap();
             assert!(parse(&GOOD.replace(line, "")).expect_err(line).contains(key), "{key}");
         }
         assert!(parse(&format!("{GOOD}momentum = 1\n")).is_err());
         for (good, bad, key) in [
-            ("decay = 0.5", "decay = 0.0", "decay"),
+            ("steps = 800", "steps = 0", "steps"),
+            ("warm_up = 0.625", "warm_up = 1.5", "warm_up"),
+            ("site_sampling_exponent = 0.5", "site_sampling_exponent = -1.0", "site_sampling_exponent"),
             ("unit_m = 0.3048", "unit_m = -1.0", "unit_m"),
-            ("batch = 128", "batch = 0", "batch"),
+            ("batch = 10", "batch = 0", "batch"),
             ("mirror = 0.5", "mirror = 1.5", "mirror"),
+            ("longitudinal_scale = 1.2", "longitudinal_scale = 0.8", "longitudinal_scale"),
             ("weight_decay = 0.0", "weight_decay = -1.0", "weight_decay"),
-            ("warm_up_epochs = 5\nlikelihood_epochs = 3", "warm_up_epochs = 0\nlikelihood_epochs = 0", "epochs"),
         ] {
             assert!(parse(&GOOD.replace(good, bad)).expect_err(bad).contains(key), "{bad}");
         }

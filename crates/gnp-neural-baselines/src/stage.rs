@@ -1,10 +1,10 @@
 //! The training of every learned baseline: mean squared error first, then likelihood.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use candle_core::{D, Tensor, Var};
-use gnp_data::{Truth, Window, WindowId, WindowSet};
+use gnp_data::{Truth, Window, WindowId, WindowSet, nearest_to_mean};
 use gnp_nn::Weights;
 use gnp_train::{BatchTotals, EpochReport, Observer, Plan, Stage, TrainError, derive_seed};
 
@@ -13,12 +13,12 @@ use crate::kind::NeuralBaseline;
 use crate::manoeuvre::{LATERAL, Manoeuvre};
 use crate::net::Net;
 use crate::network::{Ask, Classes, Output, one_hot};
-use crate::oriented_view::{Orientation, OrientedView};
+use crate::oriented_view::{OrientedView, Variation};
 use crate::recipe::{ClassLoss, Recipe};
 
 /// Trains a network by its [`Recipe`].
 ///
-/// Its validation scores, of the likeliest future, are `mse` in m² over all points, `fde` in m, and
+/// Its validation scores, of the prediction, are `mse` in m² over all points, `fde` in m, and
 /// `nll`, of a density in 1/m² over all futures.
 #[derive(Debug)]
 pub(crate) struct RecipeStage<'a> {
@@ -63,24 +63,24 @@ impl<'a> RecipeStage<'a> {
         batch.iter().map(view).collect()
     }
 
-    /// The windows at the indices `batch` of `ids`, as the network is to see them.
-    fn seen(&self, windows: &[Window<'a>], sides: &[Orientation]) -> Vec<OrientedView<'a>> {
-        let seen = |(window, side): (&Window<'a>, &Orientation)| OrientedView {
+    /// `windows` as the network is to see them.
+    fn seen(&self, windows: &[Window<'a>], variations: &[Variation]) -> Vec<OrientedView<'a>> {
+        let seen = |(window, variation): (&Window<'a>, &Variation)| OrientedView {
             observation: window.observation(),
-            side: *side,
+            variation: *variation,
         };
-        windows.iter().zip(sides).map(seen).collect()
+        windows.iter().zip(variations).map(seen).collect()
     }
 
-    fn forward(&self, windows: &[Window<'_>], sides: &[Orientation], ask: Ask<'_>) -> candle_core::Result<Output> {
+    fn forward(&self, windows: &[Window<'_>], variations: &[Variation], ask: Ask<'_>) -> candle_core::Result<Output> {
         let truths: Option<Vec<Truth<'_>>> =
             self.kind.uses_future().then(|| windows.iter().map(Window::truth).collect());
-        self.net.forward(&self.seen(windows, sides), truths.as_deref(), ask)
+        self.net.forward(&self.seen(windows, variations), truths.as_deref(), ask)
     }
 
     /// Where the windows really went, `[windows, 1, points, 2]`.
-    fn futures(&self, windows: &[Window<'_>], sides: &[Orientation]) -> candle_core::Result<Tensor> {
-        let truths = windows.iter().map(Window::truth).zip(sides.iter().copied());
+    fn futures(&self, windows: &[Window<'_>], variations: &[Variation]) -> candle_core::Result<Tensor> {
+        let truths = windows.iter().map(Window::truth).zip(variations.iter().copied());
         self.net.inputs.futures(truths, self.net.device())?.unsqueeze(1)
     }
 
@@ -114,11 +114,20 @@ impl<'a> RecipeStage<'a> {
 /// Length of a foot, m: the unit of the published networks.
 const FOOT: f64 = 0.3048;
 
-/// Which side is left in a training window, mirrored with probability `share`; `seed` is its own.
-fn drawn(share: f64, seed: u64) -> Orientation {
+/// How a training window is varied by `recipe`; `seed` is its own.
+fn drawn(recipe: &Recipe, seed: u64) -> Variation {
     // The upper 53 bits are a number from 0 to below 1.
-    let uniform = (seed >> 11) as f64 / (1u64 << 53) as f64;
-    if uniform < share { Orientation::Mirrored } else { Orientation::Recorded }
+    let uniform = |which| (derive_seed(seed, which) >> 11) as f64 / (1u64 << 53) as f64;
+    let along = recipe.longitudinal_scale.powf(2. * uniform(1) - 1.) as f32;
+    Variation { mirrored: uniform(0) < recipe.mirror, along }
+}
+
+/// Site of each window as a number, in the order of the sites' names.
+pub(crate) fn sites(set: &WindowSet<'_>, ids: &[WindowId]) -> Vec<u32> {
+    let name = |id: &WindowId| set.recording(*id).map_or("", |recording| recording.meta().site.as_str());
+    let names: BTreeSet<&str> = ids.iter().map(name).collect();
+    let number: BTreeMap<&str, u32> = names.into_iter().zip(0..).collect();
+    ids.iter().map(|id| number.get(name(id)).copied().unwrap_or_default()).collect()
 }
 
 /// Keeps logarithms of probabilities finite, and gradients where a class has died out.
@@ -154,19 +163,27 @@ impl Stage for RecipeStage<'_> {
         self.validation.len()
     }
 
+    fn train_sites(&self) -> Vec<u32> {
+        sites(self.set, self.train)
+    }
+
+    fn validation_sites(&self) -> Vec<u32> {
+        sites(self.set, self.validation)
+    }
+
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
         let windows = self.windows(self.train, batch)?;
-        let sides: Vec<Orientation> =
-            (0..batch.len()).map(|i| drawn(self.recipe.mirror, derive_seed(step_seed, i as u64))).collect();
+        let variations: Vec<Variation> =
+            (0..batch.len()).map(|i| drawn(self.recipe, derive_seed(step_seed, i as u64))).collect();
         let clock = self.net.inputs.clock;
-        let manoeuvre = |(window, side): (&Window<'_>, &Orientation)| {
+        let manoeuvre = |(window, variation): (&Window<'_>, &Variation)| {
             let recorded = Manoeuvre::of(window, clock);
-            Manoeuvre { lateral: side.lateral(recorded.lateral), ..recorded }
+            Manoeuvre { lateral: variation.lateral(recorded.lateral), ..recorded }
         };
-        let manoeuvres: Vec<Manoeuvre> = windows.iter().zip(&sides).map(manoeuvre).collect();
-        let output = self.forward(&windows, &sides, Ask::Train(&manoeuvres))?;
-        let truth = self.futures(&windows, &sides)?;
-        let warm_up = self.epoch.load(Ordering::Relaxed) < self.recipe.warm_up_epochs;
+        let manoeuvres: Vec<Manoeuvre> = windows.iter().zip(&variations).map(manoeuvre).collect();
+        let output = self.forward(&windows, &variations, Ask::Train(&manoeuvres))?;
+        let truth = self.futures(&windows, &variations)?;
+        let warm_up = self.epoch.load(Ordering::Relaxed) < self.recipe.warm_up_epochs(self.train.len());
         let points = if warm_up { output.gaussians.squared_error(&truth)? } else { output.gaussians.nll(&truth)? };
         let mut loss = points.mean_all()?;
         if let Some(classes) = output.classes.as_ref().filter(|_| !warm_up || self.recipe.class_loss_in_warm_up)
@@ -183,17 +200,17 @@ impl Stage for RecipeStage<'_> {
 
     fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
         let windows = self.windows(self.validation, batch)?;
-        let sides = vec![Orientation::Recorded; windows.len()];
-        let output = self.forward(&windows, &sides, Ask::Predict)?;
-        let truth = self.futures(&windows, &sides)?;
+        let recorded = vec![Variation::RECORDED; windows.len()];
+        let output = self.forward(&windows, &recorded, Ask::Predict)?;
+        let truth = self.futures(&windows, &recorded)?;
         let unit = f64::from(self.net.inputs.unit_m);
         let squares = output.gaussians.squared_error(&truth)?.to_vec3::<f32>()?;
-        let log_p = output.log_probability.to_vec2::<f32>()?;
         let nll = mixture_nll(&output.gaussians.nll(&truth)?, &output.log_probability)?;
         let nll = nll.mean(D::Minus1)?.to_vec1::<f32>()?;
         let (mut mse, mut fde) = (0., 0.);
-        for (modes, log_p) in squares.iter().zip(&log_p) {
-            let squares = &modes[likeliest(log_p)];
+        let predictions = predictions(&output)?;
+        for (modes, prediction) in squares.iter().zip(predictions) {
+            let squares = &modes[prediction];
             mse += squares.iter().map(|square| f64::from(*square)).sum::<f64>() / squares.len() as f64 * unit * unit;
             fde += squares.last().map_or(0., |square| f64::from(*square).sqrt()) * unit;
         }
@@ -202,9 +219,16 @@ impl Stage for RecipeStage<'_> {
     }
 }
 
-/// Index of the largest value, the first of equal ones.
-pub(crate) fn likeliest(log_p: &[f32]) -> usize {
-    (1..log_p.len()).fold(0, |best, mode| if log_p[mode] > log_p[best] { mode } else { best })
+/// Which mode is the prediction of each window: the one that ends nearest to the mean of all.
+pub(crate) fn predictions(output: &Output) -> candle_core::Result<Vec<usize>> {
+    let points = output.gaussians.mean.dim(2)?;
+    let ends = output.gaussians.mean.narrow(2, points - 1, 1)?.squeeze(2)?.contiguous()?.to_vec3::<f32>()?;
+    let probabilities = output.log_probability.exp()?.to_vec2::<f32>()?;
+    let of_window = |(ends, probabilities): (Vec<Vec<f32>>, Vec<f32>)| {
+        let ends: Vec<[f32; 2]> = ends.iter().map(|end| [end[0], end[1]]).collect();
+        nearest_to_mean(&ends, &probabilities).unwrap_or_default()
+    };
+    Ok(ends.into_iter().zip(probabilities).map(of_window).collect())
 }
 
 #[cfg(test)]

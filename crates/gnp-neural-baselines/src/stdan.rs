@@ -160,6 +160,7 @@ impl Network<Past> for Stdan {
             gaussians: Gaussians::from_head(&raw)?.reshape(&[windows, 1, self.sizes.future])?,
             log_probability: Tensor::zeros((windows, 1), DType::F32, raw.device())?,
             classes: Some(classes),
+            reference: None,
         })
     }
 }

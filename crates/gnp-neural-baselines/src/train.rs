@@ -1,10 +1,12 @@
 //! Training a baseline in a folder: resumed where it stopped, read where it is done.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize};
 
 use candle_core::{Device, Tensor};
+use gnp_baselines::PlatoonRule;
 use gnp_data::{WindowId, WindowSet};
 use gnp_nn::Weights;
 use gnp_train::{CheckpointSlot, End, Observer, Progress, Sink, Trainer, TrainingState};
@@ -14,8 +16,8 @@ use crate::error::NeuralBaselineError;
 use crate::kind::NeuralBaseline;
 use crate::learned::{TrainedBaseline, inputs};
 use crate::net::Net;
-use crate::recipe::Recipe;
-use crate::stage::{Epochs, RecipeStage, is_statistic};
+use crate::recipe::{OutputForm, Recipe};
+use crate::stage::{Epochs, RecipeStage, is_statistic, sites};
 
 /// What a baseline is trained on.
 #[derive(Clone, Copy, Debug)]
@@ -28,20 +30,30 @@ pub struct Training<'a> {
     pub validation: &'a [WindowId],
     /// Hash of the split that they come from.
     pub split_hash: &'a str,
+    /// The rule, fitted to the same training windows, whose path points are counted from: then the output form is
+    /// [`OutputForm::Deviation`].
+    pub reference: Option<&'a PlatoonRule>,
+}
+
+impl Training<'_> {
+    fn form(&self) -> OutputForm {
+        if self.reference.is_some() { OutputForm::Deviation } else { OutputForm::Published }
+    }
 }
 
 impl TrainedBaseline {
     /// The file of a baseline in a run folder, once it is trained.
     #[must_use]
-    pub fn path(folder: &Path, kind: NeuralBaseline) -> PathBuf {
-        folder.join(format!("{}.safetensors", kind.stem()))
+    pub fn path(folder: &Path, kind: NeuralBaseline, form: OutputForm) -> PathBuf {
+        folder.join(format!("{}.safetensors", kind.stem_in(form)))
     }
 
     /// Trains `kind` by `recipe` in `folder`, which exists; goes on where an earlier run of the same
     /// training stopped, and only reads the result of one that ended.
     ///
-    /// The epoch is chosen by the mean squared error of the likeliest future on the validation part,
-    /// among those of the likelihood phase where there is one. [`NeuralBaseline::PipSurrogate`] is
+    /// The epoch is chosen by the mean squared error of the prediction on the validation part, sites weighted as in
+    /// training, among those of the likelihood phase where there is one; so is, where points are counted from a
+    /// reference path, how much of the deviation is believed. [`NeuralBaseline::PipSurrogate`] is
     /// trained as [`NeuralBaseline::PipInformed`] and shares its file.
     ///
     /// # Errors
@@ -59,14 +71,15 @@ impl TrainedBaseline {
         recipe.check()?;
         let trained = kind.trained_as();
         let weights = Weights::seeded(recipe.seed, device);
-        let net = Net::new(trained, recipe, inputs(data.set.shape(), recipe.unit_m)?, &weights.builder())?;
+        let points = inputs(data.set.shape(), recipe.unit_m)?;
+        let net = Net::new(trained, recipe, data.reference.cloned(), points, &weights.builder())?;
         let mut files = Files::new(folder, trained, recipe, data, &weights)?;
         let epoch = AtomicUsize::new(0);
         let (set, train, validation) = (data.set, data.train, data.validation);
         let stage =
             RecipeStage { kind: trained, net: &net, weights: &weights, recipe, set, train, validation, epoch: &epoch };
         let resumed = files.resume()?;
-        let config = recipe.training();
+        let config = recipe.training(train.len());
         let watchers = (Epochs(&epoch), observer);
         let mut trainer = Trainer { config: &config, sink: &mut files, observer: watchers, stop };
         let outcome = match &resumed {
@@ -77,8 +90,29 @@ impl TrainedBaseline {
         if outcome.end == End::Interrupted {
             return Err(NeuralBaselineError::Interrupted { kind: kind.name(), epoch: outcome.progress.epoch });
         }
-        let learned = Self::load(&Self::path(folder, kind), device)?;
+        let learned = Self::believed(&Self::path(folder, kind, data.form()), data, device)?;
         if kind == NeuralBaseline::PipSurrogate { learned.with_surrogate_plan() } else { Ok(learned) }
+    }
+}
+
+impl TrainedBaseline {
+    /// The best network of a training that has ended, which knows from then on how much of it is believed.
+    fn believed(path: &Path, data: &Training<'_>, device: &Device) -> Result<Self, NeuralBaselineError> {
+        let learned = Self::load(path, device)?;
+        if learned.form() == OutputForm::Published || learned.header().trust.is_some() {
+            return Ok(learned);
+        }
+        let sites = sites(data.set, data.validation);
+        let mut counts = BTreeMap::<u32, f64>::new();
+        sites.iter().for_each(|site| *counts.entry(*site).or_default() += 1.);
+        let balance = learned.header().recipe.site_sampling_exponent;
+        let weight = |site: &u32| counts.get(site).map_or(1., |count| count.powf(-balance));
+        let windows = data.validation.iter().zip(&sites);
+        let windows: Vec<_> = windows.filter_map(|(id, site)| Some((data.set.get(*id)?, weight(site)))).collect();
+        let trust = learned.fitted_trust(&windows)?;
+        let Checkpoint { header, tensors } = Checkpoint::load(path)?;
+        Checkpoint { header: Header { trust, ..header }, tensors }.save(path)?;
+        Self::load(path, device)
     }
 }
 
@@ -87,6 +121,8 @@ impl TrainedBaseline {
 struct Files<'a> {
     best: PathBuf,
     last: PathBuf,
+    /// The first epoch, from 0, that may be chosen.
+    first: usize,
     header: Header,
     weights: &'a Weights,
 }
@@ -108,14 +144,19 @@ impl<'a> Files<'a> {
             simulated: recordings.iter().any(|recording| recording.meta().simulated),
             shape: data.set.shape(),
             recipe: recipe.clone(),
+            reference: data.reference.cloned(),
+            trust: None,
             split_hash: data.split_hash.to_owned(),
             code_version: env!("CARGO_PKG_VERSION").to_owned(),
             epoch: 0,
             scores: Default::default(),
             trainer: None,
         };
-        let last = folder.join(format!("{}.last.safetensors", kind.stem()));
-        Ok(Self { best: TrainedBaseline::path(folder, kind), last, header, weights })
+        let last = folder.join(format!("{}.last.safetensors", kind.stem_in(data.form())));
+        let warm_up = recipe.warm_up_epochs(data.train.len());
+        // Warm-up trains neither spreads nor, as a rule, manoeuvres.
+        let first = if warm_up < recipe.epochs(data.train.len()) { warm_up } else { 0 };
+        Ok(Self { best: TrainedBaseline::path(folder, kind, data.form()), last, first, header, weights })
     }
 
     /// Where an earlier run stopped. Statistics that no gradient trains are put into the network.
@@ -130,6 +171,7 @@ impl<'a> Files<'a> {
             ("split", now.split_hash == then.split_hash),
             ("window shape", now.shape.fits(&then.shape)),
             ("recipe", now.recipe == then.recipe),
+            ("reference rule", now.reference == then.reference),
         ];
         let fail = |problem: String| NeuralBaselineError::checkpoint(&self.last, problem);
         if let Some((what, _)) = pairs.iter().find(|(_, same)| !same) {
@@ -154,10 +196,8 @@ impl<'a> Files<'a> {
     }
 }
 
-/// Whether `progress` stands at the end of the best epoch among those that may be chosen.
-fn is_best(progress: &Progress, recipe: &Recipe) -> bool {
-    // Warm-up trains neither spreads nor, as a rule, manoeuvres.
-    let first = if recipe.likelihood_epochs == 0 { 0 } else { recipe.warm_up_epochs };
+/// Whether `progress` stands at the end of the best epoch among those from `first` on.
+fn is_best(progress: &Progress, first: usize) -> bool {
     let score =
         |epoch: usize| progress.history.get(epoch).and_then(|record| record.validation.first()).map(|s| s.value);
     let Some(now) = progress.epoch.checked_sub(1).filter(|now| *now >= first && progress.losses.is_empty()) else {
@@ -172,12 +212,12 @@ impl Sink for Files<'_> {
         if kind == CheckpointSlot::Best {
             return Ok(());
         }
-        let all = |tensors: &mut std::collections::BTreeMap<String, Tensor>| {
+        let all = |tensors: &mut BTreeMap<String, Tensor>| {
             for (name, var) in self.weights.named().into_iter().filter(|(name, _)| is_statistic(name)) {
                 tensors.insert(name, var.as_tensor().clone());
             }
         };
-        if is_best(&state.progress, &self.header.recipe) {
+        if is_best(&state.progress, self.first) {
             let mut tensors = state.weights.clone();
             all(&mut tensors);
             Checkpoint { header: self.header_at(&state.progress, None), tensors }.save(&self.best)?;

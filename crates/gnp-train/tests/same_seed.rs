@@ -196,6 +196,7 @@ fn with_data(test: impl FnOnce(&Data<'_>)) {
         epoch: 0,
         scores: Default::default(),
         origin: None,
+        trust: None,
         trainer: None,
     };
     let parts = [Windows::new(&set, train), Windows::new(&set, validation)];

@@ -9,7 +9,7 @@ use crate::error::{Context as _, Error, Result, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
 use gnp_eval::EvalConfig;
 use gnp_goal::GoalConfig;
-use gnp_model::{FeatureConfig, NeighbourInput, ReferencePath, Selection};
+use gnp_model::{FeatureConfig, NeighbourInput, ReferencePath, Selection, Trust};
 use gnp_modes::ModeParams;
 use gnp_train::{GoalTraining, PathTraining, TrainConfig};
 use gnp_traj::TrajConfig;
@@ -107,8 +107,8 @@ pub struct PredictConfig {
     pub neighbours: NeighbourInput,
     /// Which goals are given when fewer are asked for than there are modes.
     pub selection: Selection,
-    /// How much of what the network expects on average beyond the reference path is believed, 0 to 1.
-    pub trust: f64,
+    /// How much of what the network expects on average beyond the reference path is believed.
+    pub trust: Trust,
     /// Futures a window in `predictions.parquet`; one that a protocol of `[evaluate]` asks for.
     pub k: usize,
 }
@@ -184,8 +184,8 @@ impl RunConfig {
                 term.name
             );
         }
-        if !(0. ..=1.).contains(&self.predict.trust) {
-            bail!(Config, "predict.trust = {}: give a share between 0 and 1", self.predict.trust);
+        if !self.predict.trust.is_valid() {
+            bail!(Config, "predict.trust = {}: give a share between 0 and 1, or \"fitted\"", self.predict.trust);
         }
         self.evaluate.check().context("[evaluate]")?;
         let asked: Vec<usize> = self.evaluate.protocols.iter().flat_map(|protocol| protocol.asks()).copied().collect();

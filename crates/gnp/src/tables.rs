@@ -61,7 +61,7 @@ pub fn compare(
     let without = NeuralBaseline::ALL.into_iter().filter(|kind| !kinds.contains(kind));
     missing.extend(without.map(|kind| format!("{}: has no recipe ([{}])", kind.name(), kind.stem())));
     let total = 2 + RULES.len() + usize::from(published.is_some()) + usize::from(recipes.column().is_some());
-    let table = Table::start("table1", plan, machine, (total + kinds.len(), seeds))?;
+    let table = Table::start("table1", plan, machine, (total + recipes.rows().len(), seeds))?;
     let scored = table.scored(|fold| {
         let gnp = fold.run.model()?;
         let goal_head = System::predictor("goal head", gnp.goal_head());
@@ -72,10 +72,10 @@ pub fn compare(
             fold.progress(systems.len() + 1, ColumnNetwork::NAME);
             systems.push(recipes::column(recipe, fold, &learned)?);
         }
-        for kind in &kinds {
-            fold.progress(systems.len() + 1, kind.name());
-            let Some(recipe) = recipes.get(*kind) else { continue };
-            systems.push(recipes::system(*kind, recipe, fold, &learned)?);
+        for row in recipes.rows() {
+            fold.progress(systems.len() + 1, &row.name());
+            let Some(recipe) = recipes.get(row.kind) else { continue };
+            systems.push(recipes::system(row, recipe, fold, &learned)?);
         }
         if let Some(config) = published {
             fold.progress(systems.len() + 1, published::NAME);

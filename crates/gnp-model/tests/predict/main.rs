@@ -156,6 +156,7 @@ fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
         epoch: 0,
         scores: BTreeMap::from([("loss".to_owned(), 0.5)]),
         origin: None,
+        trust: None,
         trainer: None,
     };
     let named = |weights: &Weights| -> BTreeMap<String, Tensor> {

@@ -60,11 +60,17 @@ fn with_windows(check: impl Fn(&Training<'_>)) {
     let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
     let (validation, train): (Vec<WindowId>, Vec<WindowId>) =
         set.ids().iter().partition(|id| set.get(**id).unwrap().key().vehicle % 4 == 0);
-    check(&Training { set: &set, train: &train, validation: &validation, split_hash: "one" });
+    check(&Training {
+        set: &set,
+        train: &train,
+        validation: &validation,
+        split_hash: "one",
+        reference: Some(&platoon()),
+    });
 }
 
 fn train(recipe: &ColumnRecipe, data: &Training<'_>, folder: &Path) -> Result<ColumnNetwork, NeuralBaselineError> {
-    ColumnNetwork::train(recipe, &platoon(), data, folder, &Device::Cpu, (), &AtomicBool::new(false))
+    ColumnNetwork::train(recipe, data, folder, &Device::Cpu, (), &AtomicBool::new(false))
 }
 
 /// Root mean square of the error along the road in the last frame, m.
@@ -133,8 +139,7 @@ fn a_stop_leaves_nothing_and_bad_recipes_are_named() {
     with_windows(|data| {
         let folder = TempDir::new().unwrap();
         let stop = AtomicBool::new(true);
-        let error =
-            ColumnNetwork::train(&recipe(), &platoon(), data, folder.path(), &Device::Cpu, (), &stop).unwrap_err();
+        let error = ColumnNetwork::train(&recipe(), data, folder.path(), &Device::Cpu, (), &stop).unwrap_err();
         assert!(matches!(error, NeuralBaselineError::Interrupted { .. }), "{error}");
         assert!(!ColumnNetwork::path(folder.path()).exists());
         for (bad, key) in [

@@ -6,7 +6,7 @@ use gnp_data::{Neighbour, Observation, TrackState, Truth};
 
 use crate::grid::{Grid, PLACE_CELLS, PLACE_CENTRE, by_place, place_cell};
 use crate::inputs::{Inputs, by_time};
-use crate::oriented_view::OrientedView;
+use crate::oriented_view::{OrientedView, Variation};
 
 /// Where the ego's plan comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,9 +55,9 @@ struct Target<'a> {
 
 /// The ego of a window: the nearest vehicle in the target's grid, then the one with the smaller id; with a
 /// recorded plan, the nearest one whose whole future is recorded.
-fn ego<'a>(grid: &Grid<'a>, truth: Option<&Truth<'_>>, last: usize) -> Option<Neighbour<'a>> {
+fn ego<'a>(grid: &Grid<'a>, truth: Option<&Truth<'_>>, last: usize, along: f32) -> Option<Neighbour<'a>> {
     let lasting = |n: &Neighbour<'a>| truth.is_none_or(|truth| truth.other(n, last).is_some());
-    let distance = |n: &Neighbour<'_>| n.now().x.hypot(n.now().y);
+    let distance = |n: &Neighbour<'_>| (n.now().x * along).hypot(n.now().y);
     grid.occupants.iter().map(|occupant| occupant.neighbour).filter(lasting).min_by(|a, b| {
         let near = distance(a).total_cmp(&distance(b));
         near.then(a.vehicle().cmp(&b.vehicle()))
@@ -65,16 +65,16 @@ fn ego<'a>(grid: &Grid<'a>, truth: Option<&Truth<'_>>, last: usize) -> Option<Ne
 }
 
 /// The window's target first, then the nearest of the other vehicles in the ego's grid.
-fn targets<'a>(observation: &Observation<'a>, ego: Option<&Neighbour<'a>>, most: usize) -> Vec<Target<'a>> {
+fn targets<'a>(observation: &Observation<'a>, ego: Option<&Neighbour<'a>>, most: usize, along: f32) -> Vec<Target<'a>> {
     let alone = || vec![Target { observation: *observation, cell: PLACE_CENTRE }];
     let Some(around) = ego.and_then(Neighbour::observation) else { return alone() };
     let Some(at) = ego.map(Neighbour::now) else { return alone() };
     // On the very edge of a cell the two grids may disagree about who is inside.
-    let cell = place_cell([-at.x, -at.y]).unwrap_or(PLACE_CENTRE);
+    let cell = place_cell([-at.x * along, -at.y]).unwrap_or(PLACE_CENTRE);
     let mut all = vec![Target { observation: *observation, cell }];
-    let mut others = by_place(&around).occupants;
+    let mut others = by_place(&around, along).occupants;
     others.retain(|other| other.neighbour.track_index() != observation.track_index() && other.cell != cell);
-    let distance = |n: &Neighbour<'_>| n.now().x.hypot(n.now().y);
+    let distance = |n: &Neighbour<'_>| (n.now().x * along).hypot(n.now().y);
     others.sort_by(|a, b| distance(&a.neighbour).total_cmp(&distance(&b.neighbour)).then(a.cell.cmp(&b.cell)));
     let context = others
         .iter()
@@ -132,24 +132,26 @@ impl Scenes {
         let (mut neighbour_paths, mut cells) = (Vec::new(), Vec::new());
         let (mut plans, mut plan_cells) = (Vec::new(), Vec::new());
         let mut without_ego = 0;
-        for (b, OrientedView { observation, side }) in windows.iter().enumerate() {
-            let side = *side;
+        for (b, OrientedView { observation, variation }) in windows.iter().enumerate() {
+            let variation = *variation;
+            let Variation { along, .. } = variation;
             let truth = truths.and_then(|truths| truths.get(b));
-            let ego = ego(&by_place(observation), truth, observation.shape().t_pred.saturating_sub(1));
+            let last = observation.shape().t_pred.saturating_sub(1);
+            let ego = ego(&by_place(observation, along), truth, last, along);
             without_ego += usize::from(ego.is_none());
             let planned = ego.as_ref().map(|ego| plan(inputs, ego, truth)).unwrap_or_default();
             scored.push(target_paths.len() as u32);
-            for Target { observation: target, cell } in targets(observation, ego.as_ref(), most) {
+            for Target { observation: target, cell } in targets(observation, ego.as_ref(), most, along) {
                 let n = target_paths.len();
-                target_cells.push((PLACE_CELLS * b + side.place_cell(cell)) as u32);
-                let path = inputs.target(&OrientedView { observation: target, side });
-                for occupant in by_place(&target).occupants {
-                    let mut other = inputs.neighbour(&occupant.neighbour, side);
+                target_cells.push((PLACE_CELLS * b + variation.place_cell(cell)) as u32);
+                let path = inputs.target(&OrientedView { observation: target, variation });
+                for occupant in by_place(&target, along).occupants {
+                    let mut other = inputs.neighbour(&occupant.neighbour, variation);
                     for (other, own) in other.iter_mut().zip(&path) {
                         *other = [other[0] - own[0], other[1] - own[1]];
                     }
                     neighbour_paths.push(with_neighbours(&other));
-                    cells.push((PLACE_CELLS * n + side.place_cell(occupant.cell)) as u32);
+                    cells.push((PLACE_CELLS * n + variation.place_cell(occupant.cell)) as u32);
                 }
                 target_paths.push(with_neighbours(&path));
                 let (from, to) = (observation.origin(), target.origin());
@@ -158,12 +160,12 @@ impl Scenes {
                     y: state.y + from[1] - to[1],
                     ..state
                 };
-                let cell = ego.as_ref().map(|ego| moved(ego.now())).and_then(|now| place_cell([now.x, now.y]));
+                let cell = ego.as_ref().map(|ego| moved(ego.now())).and_then(|now| place_cell([now.x * along, now.y]));
                 if let Some(cell) = cell.filter(|_| source != Plan::None) {
                     let reversed: Vec<[f32; 2]> =
-                        planned.iter().rev().map(|state| inputs.point(side.turn(moved(*state)))).collect();
+                        planned.iter().rev().map(|state| inputs.point(variation.turn(moved(*state)))).collect();
                     plans.push(with_neighbours(&reversed));
-                    plan_cells.push((PLACE_CELLS * n + side.place_cell(cell)) as u32);
+                    plan_cells.push((PLACE_CELLS * n + variation.place_cell(cell)) as u32);
                 }
             }
         }

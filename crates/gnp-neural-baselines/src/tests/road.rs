@@ -70,6 +70,14 @@ pub(super) fn mirrored() -> Recording {
     Recording::from_parts(plain.meta().clone(), roads, plain.tracks().to_vec(), columns).unwrap()
 }
 
+/// The plain recording with lengths and speeds along the road multiplied; sizes stay.
+pub(super) fn stretched(along: f32) -> Recording {
+    let plain = plain();
+    let mut columns = plain.columns().clone();
+    columns.x.iter_mut().chain(&mut columns.vx).for_each(|value| *value *= along);
+    Recording::from_parts(plain.meta().clone(), plain.roads().to_vec(), plain.tracks().to_vec(), columns).unwrap()
+}
+
 /// Their shape.
 pub(super) fn shape() -> WindowShape {
     WindowShape { t_obs: 13, t_pred: 10, step: 1, rate_hz: 10. }

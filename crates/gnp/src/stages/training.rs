@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use crate::error::{Error, Result, bail};
-use gnp_data::{Split, WindowSet};
+use gnp_data::{Split, Window, WindowSet};
 use gnp_goal::GoalNet;
-use gnp_model::{Component, Features, Header};
+use gnp_model::{Checkpoint, Component, Features, Gnp, Header, NeighbourFuture};
 use gnp_modes::Modes;
 use gnp_nn::Weights;
 use gnp_train::{
@@ -39,7 +39,9 @@ pub(super) fn train(run: &Run, part: Component) -> Result<()> {
             let modes = Modes::load(&run.folder.path("modes.safetensors"))?;
             let net = GoalNet::new(&config.goal.net, features.goal_shape(), weights.builder())?;
             let stage = GoalStage::new(net, &weights, &features, &modes, parts, &config.goal.loss)?;
-            fit(run, RunStage::Goal, &stage, &config.goal.train, Checkpoints::new(run.folder.root(), header, &weights))
+            let checkpoints = Checkpoints::new(run.folder.root(), header, &weights);
+            fit(run, RunStage::Goal, &stage, &config.goal.train, checkpoints)?;
+            fit_trust(run, &set, &split, modes)
         }
         Component::Attraction => {
             let force = SocialForce::new(&config.traj, weights.builder())?;
@@ -84,10 +86,31 @@ fn header(run: &Run, part: Component, set: &WindowSet<'_>, split: &Split, featur
         code_version: env!("CARGO_PKG_VERSION").to_owned(),
         split_hash: split.hash().to_owned(),
         origin: state.origin.clone(),
+        trust: None,
         epoch: 0,
         scores: BTreeMap::new(),
         trainer: None,
     }
+}
+
+/// Keeps with the trained goal network how much of what it expects is believed, by the validation part; sites weigh as in
+/// its validation score.
+fn fit_trust(run: &Run, set: &WindowSet<'_>, split: &Split, modes: Modes) -> Result<()> {
+    let path = run.folder.path("goal.safetensors");
+    let checkpoint = Checkpoint::load(&path)?;
+    let gnp = Gnp::new(modes, &checkpoint, None, NeighbourFuture::ConstantVelocity, &run.machine.device)?;
+    let windows: Vec<Window<'_>> = split.validation().iter().filter_map(|id| set.get(*id)).collect();
+    let mut counts = BTreeMap::<&str, f64>::new();
+    windows.iter().for_each(|window| *counts.entry(window.observation().site()).or_default() += 1.);
+    let weight = |window: &Window<'_>| {
+        let count = counts.get(window.observation().site()).copied().unwrap_or(1.);
+        count.powf(-run.config.goal.train.site_sampling_exponent)
+    };
+    let weighted: Vec<(Window<'_>, f64)> = windows.iter().map(|window| (*window, weight(window))).collect();
+    let Some(trust) = gnp.fitted_trust(&weighted)? else { return Ok(()) };
+    run.note(&format!("goal: {trust:.2} of the expected deviation is believed, by the validation part"));
+    Checkpoint { header: Header { trust: Some(trust), ..checkpoint.header }, ..checkpoint }.save(&path)?;
+    Ok(())
 }
 
 fn fit(run: &Run, part: RunStage, stage: &dyn Stage, config: &TrainConfig, mut checkpoints: Checkpoints) -> Result<()> {
@@ -130,7 +153,7 @@ fn fit(run: &Run, part: RunStage, stage: &dyn Stage, config: &TrainConfig, mut c
 /// Shows a training as it goes.
 pub(crate) struct Watch<'a> {
     machine: &'a Machine,
-    name: &'static str,
+    name: &'a str,
     epochs: usize,
     work: Option<Box<dyn Work>>,
     done: u64,
@@ -138,7 +161,7 @@ pub(crate) struct Watch<'a> {
 
 impl<'a> Watch<'a> {
     /// Watches the training called `name` of so many epochs.
-    pub(crate) fn new(machine: &'a Machine, name: &'static str, epochs: usize) -> Self {
+    pub(crate) fn new(machine: &'a Machine, name: &'a str, epochs: usize) -> Self {
         Self { machine, name, epochs, work: None, done: 0 }
     }
 }

@@ -5,8 +5,10 @@ use std::fs;
 use std::path::Path;
 
 use crate::error::{Context as _, Error, Result, bail};
+use gnp_baselines::PlatoonRule;
 use gnp_neural_baselines::{
-    ColumnNetwork, ColumnRecipe, NeuralBaseline, NeuralBaselineError, Recipe, TrainedBaseline, Training, WithFuture,
+    ColumnNetwork, ColumnRecipe, NeuralBaseline, NeuralBaselineError, OutputForm, Recipe, TrainedBaseline, Training,
+    WithFuture,
 };
 use gnp_train::{BatchReport, Observer, TrainError};
 
@@ -23,15 +25,38 @@ const EMBEDDED: &str = include_str!("../../configs/neural-baselines.toml");
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recipes {
     column: Option<ColumnRecipe>,
-    published: BTreeMap<String, Recipe>,
+    networks: BTreeMap<String, Trained>,
 }
 
-/// A file of recipes.
-#[derive(serde::Deserialize)]
-struct Tables {
-    column_network: Option<ColumnRecipe>,
-    #[serde(flatten)]
-    published: BTreeMap<String, Recipe>,
+/// How one network is trained: one row for each form of output.
+#[derive(Clone, Debug, PartialEq)]
+struct Trained {
+    forms: Vec<OutputForm>,
+    recipe: Recipe,
+}
+
+/// The key of a network's table that is not of its recipe.
+const FORMS: &str = "forms";
+
+/// A published network in one form of output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Row {
+    /// The network.
+    pub(crate) kind: NeuralBaseline,
+    /// What its points are counted from.
+    pub(crate) form: OutputForm,
+}
+
+impl Row {
+    /// Its name in tables.
+    pub(crate) fn name(&self) -> String {
+        self.kind.name_in(self.form)
+    }
+
+    /// Stem of its files; rows that share a training share it.
+    pub(crate) fn stem(&self) -> String {
+        self.kind.stem_in(self.form)
+    }
 }
 
 impl Recipes {
@@ -53,26 +78,53 @@ impl Recipes {
     }
 
     fn parse(text: &str) -> Result<Self> {
-        let Tables { column_network: column, published } =
-            toml::from_str(text).map_err(|error| Error::Config(error.to_string().trim_end().to_owned()))?;
+        let config = |error: toml::de::Error| Error::Config(error.to_string().trim_end().to_owned());
+        let mut tables: BTreeMap<String, toml::Table> = toml::from_str(text).map_err(config)?;
+        let shared = tables.remove(SHARED).unwrap_or_default();
+        let column = tables.remove(ColumnNetwork::STEM).map(toml::Table::try_into::<ColumnRecipe>).transpose();
+        let column = column.map_err(config).with_context(|| format!("[{}]", ColumnNetwork::STEM))?;
         if let Some(recipe) = &column {
             recipe.check().with_context(|| format!("[{}]", ColumnNetwork::STEM))?;
         }
-        for (stem, recipe) in &published {
+        let mut networks = BTreeMap::new();
+        for (stem, own) in tables {
             if !NeuralBaseline::ALL.iter().any(|kind| kind.stem() == stem) {
                 let stems = NeuralBaseline::ALL.iter().map(|kind| kind.stem());
-                let known: Vec<&str> = std::iter::once(ColumnNetwork::STEM).chain(stems).collect();
+                let known: Vec<&str> = [SHARED, ColumnNetwork::STEM].into_iter().chain(stems).collect();
                 bail!(Config, "[{stem}]: no such baseline; there are {}", known.join(", "));
             }
+            let mut keys = shared.clone();
+            keys.extend(own);
+            let forms = keys.remove(FORMS).map(toml::Value::try_into::<Vec<OutputForm>>).transpose();
+            let mut forms = forms.map_err(config).with_context(|| format!("[{stem}] {FORMS}"))?.unwrap_or_default();
+            forms.sort_unstable();
+            forms.dedup();
+            if forms.is_empty() {
+                bail!(
+                    Config,
+                    "[{stem}]: {FORMS} names none; give published, deviation or both, or leave the table out"
+                );
+            }
+            let recipe: Recipe = keys.try_into().map_err(config).with_context(|| format!("[{stem}]"))?;
             recipe.check().with_context(|| format!("[{stem}]"))?;
+            networks.insert(stem, Trained { forms, recipe });
         }
-        Ok(Self { column, published })
+        Ok(Self { column, networks })
+    }
+
+    /// The rows, in the order of a table.
+    pub(crate) fn rows(&self) -> Vec<Row> {
+        let of_kind = |kind: NeuralBaseline| {
+            let forms = self.networks.get(kind.stem()).map(|network| network.forms.clone());
+            forms.unwrap_or_default().into_iter().map(move |form| Row { kind, form })
+        };
+        NeuralBaseline::ALL.into_iter().flat_map(of_kind).collect()
     }
 
     /// The recipe of a baseline.
     #[must_use]
     pub fn get(&self, kind: NeuralBaseline) -> Option<&Recipe> {
-        self.published.get(kind.stem())
+        self.networks.get(kind.stem()).map(|network| &network.recipe)
     }
 
     /// The recipe of the column network.
@@ -82,22 +134,35 @@ impl Recipes {
     }
 }
 
+/// The table of keys that every published network has, unless its own says otherwise.
+const SHARED: &str = "shared";
+
 /// A baseline, trained in `folder` unless it was before.
 ///
 /// # Errors
 /// When the training fails; [`Error::Stopped`].
-pub(crate) fn system(kind: NeuralBaseline, recipe: &Recipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
-    let Fold { run, set, split, .. } = fold;
+pub(crate) fn system(row: Row, recipe: &Recipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
+    let Fold { run, split, .. } = fold;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let recipe = Recipe { seed: recipe.seed.wrapping_add(run.config.seed), ..recipe.clone() };
-    let data = Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash() };
-    let watch = Watch::new(&run.machine, kind.name(), recipe.epochs());
-    match TrainedBaseline::train(kind, &recipe, &data, folder, &run.machine.device, watch, run.machine.stop.flag()) {
+    let platoon = match row.form {
+        OutputForm::Published => None,
+        OutputForm::Deviation => Some(rules::platoon(run)?),
+    };
+    let data = training(fold, platoon.as_ref());
+    let (kind, machine, name) = (row.kind, &run.machine, row.name());
+    let watch = Watch::new(machine, &name, recipe.epochs(split.train().len()));
+    match TrainedBaseline::train(kind, &recipe, &data, folder, &machine.device, watch, machine.stop.flag()) {
         Err(NeuralBaselineError::Interrupted { .. }) => Err(Error::Stopped { kept: None }),
-        Err(error) => Err(error).with_context(|| format!("{} failed", kind.name())),
-        Ok(learned) if kind.uses_future() => Ok(System::oracle(kind.name(), OracleBaseline(learned))),
-        Ok(learned) => Ok(System::predictor(kind.name(), learned)),
+        Err(error) => Err(error).with_context(|| format!("{name} failed")),
+        Ok(learned) if kind.uses_future() => Ok(System::oracle(name, OracleBaseline(learned))),
+        Ok(learned) => Ok(System::predictor(name, learned)),
     }
+}
+
+fn training<'a>(fold: &Fold<'a>, reference: Option<&'a PlatoonRule>) -> Training<'a> {
+    let Fold { set, split, .. } = fold;
+    Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash(), reference }
 }
 
 /// The column network, trained in `folder` unless it was before.
@@ -105,16 +170,16 @@ pub(crate) fn system(kind: NeuralBaseline, recipe: &Recipe, fold: &Fold<'_>, fol
 /// # Errors
 /// As [`system`].
 pub(crate) fn column(recipe: &ColumnRecipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
-    let Fold { run, set, split, .. } = fold;
+    let Fold { run, split, .. } = fold;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let recipe = ColumnRecipe { seed: recipe.seed.wrapping_add(run.config.seed), ..recipe.clone() };
-    let data = Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash() };
+    let platoon = rules::platoon(run)?;
+    let data = training(fold, Some(&platoon));
     let machine = &run.machine;
     let batches = split.train().len().div_ceil(recipe.batch.max(1));
     let total = (2 * recipe.networks * recipe.epochs * batches) as u64;
     let steps = Steps { work: machine.progress.start(ColumnNetwork::NAME, 0, total, "batches"), done: 0 };
-    let platoon = rules::platoon(run)?;
-    match ColumnNetwork::train(&recipe, &platoon, &data, folder, &machine.device, steps, machine.stop.flag()) {
+    match ColumnNetwork::train(&recipe, &data, folder, &machine.device, steps, machine.stop.flag()) {
         Err(NeuralBaselineError::Interrupted { .. }) => Err(Error::Stopped { kept: None }),
         Err(error) => Err(error).with_context(|| format!("{} failed", ColumnNetwork::NAME)),
         Ok(network) => Ok(System::predictor(ColumnNetwork::NAME, network)),
@@ -163,7 +228,7 @@ mod tests {
     #[test]
     fn the_recipes_that_come_with_the_project_can_be_used() {
         let recipes = Recipes::embedded().unwrap();
-        assert!(!recipes.published.is_empty() && recipes.column().is_some());
+        assert!(!recipes.rows().is_empty() && recipes.column().is_some());
         for line in EMBEDDED.lines().filter(|line| line.contains(" = ")) {
             assert!(line.starts_with('#') || line.contains(" # "), "no comment: {line}");
         }
@@ -174,7 +239,7 @@ mod tests {
         let message = |text: &str| Recipes::parse(text).unwrap_err().chain();
         let text = EMBEDDED;
         assert!(message(&text.replacen("[cs_lstm]", "[cslstm]", 1)).contains("[cslstm]"));
-        assert!(message(&text.replacen("\ndecay =", "\ndecoy =", 1)).contains("decoy"));
+        assert!(message(&text.replacen("\nsteps =", "\nstaps =", 1)).contains("steps"));
         assert!(message(&text.replacen("hidden =", "hide =", 1)).contains("hide"));
         assert!(message(&text.replacen("networks = 5", "networks = 0", 1)).contains("[column_network]"));
         assert!(message(&text.replacen("unit_m = 5.0", "unit_m = 0.0", 1)).contains("unit_m"));
