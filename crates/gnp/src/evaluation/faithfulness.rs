@@ -361,9 +361,13 @@ pub(crate) fn table(rows: &[Faithfulness], head: &TableHead) -> Option<Table> {
     let horizon_s = rows.first()?.horizon_s;
     let cell = |estimate: Option<Estimate>| {
         let interval = estimate.and_then(|of| Some(Interval { low: of.ci_low?, high: of.ci_high? }));
-        TableCell { text: estimate.map_or_else(|| "-".to_owned(), |of| format!("{:.2}", of.value)), interval }
+        TableCell {
+            text: estimate.map_or_else(|| "-".to_owned(), |of| format!("{:.2}", of.value)),
+            interval,
+            by_event: None,
+        }
     };
-    let plain = |text: String| TableCell { text, interval: None };
+    let plain = |text: String| TableCell { text, interval: None, by_event: None };
     let row = |row: &Faithfulness| {
         let site = if row.site == ALL_SITES { "all sites" } else { &row.site };
         vec![
