@@ -52,13 +52,14 @@ impl Cluster {
     }
 }
 
-/// The cluster of each vehicle of some recordings.
-#[derive(Debug)]
-pub(crate) struct Clusters(BTreeMap<VehicleId, Cluster>);
+/// Driver and event of each vehicle of some recordings.
+#[derive(Clone, Debug)]
+pub struct Clusters(BTreeMap<VehicleId, Cluster>);
 
 impl Clusters {
     /// Of all vehicles of the recordings of a set. A vehicle with several tracks has the event of its first.
-    pub(crate) fn of(set: &WindowSet<'_>) -> Self {
+    #[must_use]
+    pub fn of(set: &WindowSet<'_>) -> Self {
         let recordings = set.recordings();
         let drivers = Drivers::of(recordings, &overlaps(recordings));
         let mut numbers: BTreeMap<VehicleId, [Option<usize>; 2]> = BTreeMap::new();
@@ -79,6 +80,13 @@ impl Clusters {
             clusters.insert(vehicle, cluster);
         }
         Self(clusters)
+    }
+
+    /// The driver of a vehicle, named by the first of the vehicles that he is; a vehicle that is not of the recordings
+    /// is a driver of its own.
+    #[must_use]
+    pub fn driver(&self, vehicle: &VehicleId) -> VehicleId {
+        self.get(vehicle).of(Draw::Drivers).clone()
     }
 
     /// Driver and event of a vehicle; one that is not of the recordings is alone.

@@ -31,6 +31,7 @@ mod table;
 
 pub use crate::bootstrap::{Bootstrap, Difference, Interval};
 pub use crate::case::{Reference, ScoredWindow};
+pub use crate::clusters::Clusters;
 pub use crate::comparison::{Comparison, Verdict, load_comparisons, save_comparisons};
 pub use crate::error::{EvalError, ForecastProblem, PredictionProblem};
 pub use crate::evaluate::{Batch, EvalConfig, EvaluatedModel, evaluate};
