@@ -52,7 +52,7 @@ pub use crate::lanes::{LaneFit, fit_lanes};
 pub use crate::leader::{Leader, NAMED_LEADER_SIZE};
 pub use crate::live::{LiveError, LiveScene, Sample};
 pub use crate::neighbours::{LanePosition, find_neighbours};
-pub use crate::overlap::{Overlap, SharedBy, groups, overlaps};
+pub use crate::overlap::{Drivers, Overlap, SharedBy, groups, overlaps};
 pub use crate::predictor::{Forecast, Mode, OraclePredictor, PredictError, Predictor, nearest_to_mean};
 pub use crate::recording::{
     Columns, LaneMarking, NamedLeader, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,

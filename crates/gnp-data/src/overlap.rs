@@ -14,6 +14,12 @@ use serde::{Deserialize, Serialize};
 use crate::recording::Recording;
 
 mod drivers;
+mod event;
+mod identity;
+mod meeting;
+mod numbering;
+
+pub use identity::Drivers;
 
 /// Length of the snippets of motion that are compared, s.
 const STRETCH_S: f64 = 1.2;
@@ -210,17 +216,20 @@ fn at_one_place(pairs: &Places) -> usize {
     pairs.values().map(|place| near(*place)).max().unwrap_or(0)
 }
 
+/// Overlaps with the indices of their two recordings, those of recordings that are there.
+fn by_index<'o>(recordings: &[Recording], overlaps: &'o [Overlap]) -> Vec<(usize, usize, &'o Overlap)> {
+    let index: BTreeMap<&str, usize> =
+        recordings.iter().enumerate().map(|(i, recording)| (recording.meta().name.as_str(), i)).collect();
+    let of = |name: &str| index.get(name).copied();
+    overlaps.iter().filter_map(|it| Some((of(&it.first)?, of(&it.second)?, it))).collect()
+}
+
 /// For each recording the first recording (by index) that it is connected with through overlaps,
 /// itself if with none: equal numbers must stay in one part of a split.
 #[must_use]
 pub fn groups(recordings: &[Recording], overlaps: &[Overlap]) -> Vec<usize> {
-    let index: BTreeMap<&str, usize> =
-        recordings.iter().enumerate().map(|(i, recording)| (recording.meta().name.as_str(), i)).collect();
     let mut group: Vec<usize> = (0..recordings.len()).collect();
-    for overlap in overlaps {
-        let (Some(&a), Some(&b)) = (index.get(overlap.first.as_str()), index.get(overlap.second.as_str())) else {
-            continue;
-        };
+    for (a, b, _) in by_index(recordings, overlaps) {
         let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
         for member in &mut group {
             if *member == high {
@@ -240,7 +249,7 @@ mod tests {
 
     /// A cut of frames `from..from + 60` of made-up traffic: vehicle `i` speeds up and slows down
     /// in its own rhythm. `noise` moves every value a little, as a second measurement would.
-    fn cut(name: &str, vehicles: std::ops::Range<u32>, from: u32, noise: f32) -> Recording {
+    pub(super) fn cut(name: &str, vehicles: std::ops::Range<u32>, from: u32, noise: f32) -> Recording {
         let (mut tracks, mut columns) = (Vec::new(), Columns::default());
         for (n, i) in vehicles.enumerate() {
             let start = columns.x.len();

@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use gnp_data::{
-    Dataset, Expectation, Recording, Slot, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowSet, discover,
-    groups, overlaps, read,
+    Dataset, Drivers, Expectation, Recording, Slot, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowSet,
+    discover, groups, overlaps, read,
 };
 
 fn embedded(folder: &str, dataset: Dataset) -> Vec<Recording> {
@@ -113,10 +113,9 @@ fn every_i_80_window_has_a_leader_and_most_are_named() {
 fn us_101_scenes_with_the_same_drivers_stay_together() {
     let recordings = embedded("ngsim", Dataset::NGSIM);
     let overlaps = overlaps(&recordings);
-    let number = |name: &str| name.trim_start_matches("us101-").trim_end_matches("_1").parse::<u32>().unwrap_or(0);
     let mut together: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
     for (recording, group) in recordings.iter().zip(groups(&recordings, &overlaps)) {
-        together.entry(group).or_default().push(number(&recording.meta().name));
+        together.entry(group).or_default().push(scene_number(&recording.meta().name));
     }
     for numbers in together.values_mut() {
         numbers.sort_unstable();
@@ -128,4 +127,44 @@ fn us_101_scenes_with_the_same_drivers_stay_together() {
     assert_eq!(found, expected);
     let said: Vec<String> = overlaps.iter().map(ToString::to_string).collect();
     assert!(said.contains(&"us101-24_1 and us101-26_1 have 26 drivers in common".to_owned()), "{said:#?}");
+}
+
+#[test]
+fn a_us_101_driver_is_the_same_in_every_scene() {
+    let recordings = embedded("ngsim", Dataset::NGSIM);
+    let overlaps = overlaps(&recordings);
+    let drivers = Drivers::of(&recordings, &overlaps);
+    let mut by_number: BTreeMap<(String, u32), BTreeSet<usize>> = BTreeMap::new();
+    let mut numbers: BTreeMap<usize, BTreeSet<(String, u32)>> = BTreeMap::new();
+    for (r, recording) in recordings.iter().enumerate() {
+        for (t, track) in recording.tracks().iter().enumerate() {
+            let (name, driver) = ((recording.meta().site.clone(), track.vehicle), drivers.driver(r, t).unwrap());
+            by_number.entry(name.clone()).or_default().insert(driver);
+            numbers.entry(driver).or_default().insert(name);
+        }
+    }
+    // Also where two scenes share one driver, as 12 and 16.
+    assert_eq!(by_number.keys().filter(|(site, _)| site == "us-101").count(), 327);
+    assert!(by_number.values().all(|drivers| drivers.len() == 1), "a number is one driver");
+    assert!(numbers.values().all(|numbers| numbers.len() == 1), "a driver has one number");
+    let mut events: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+    for (r, recording) in recordings.iter().enumerate() {
+        for event in BTreeSet::from_iter((0..recording.tracks().len()).map(|track| drivers.event(r, track).unwrap())) {
+            events.entry(event).or_default().push(scene_number(&recording.meta().name));
+        }
+    }
+    let mut found: Vec<Vec<u32>> = events.into_values().collect();
+    found.iter_mut().for_each(|numbers| numbers.sort_unstable());
+    found.sort();
+    // I-80 is ten minutes long, and its vehicles come in the first five.
+    assert_eq!(found[..5], [[0]; 5]);
+    let us_101: [&[u32]; 9] =
+        [&[3], &[4, 18], &[6, 7, 15, 19, 20, 28], &[10], &[12], &[13, 23, 24], &[16], &[21], &[26]];
+    assert_eq!(found[5..], us_101);
+    assert_eq!((drivers.driver(99, 0), drivers.event(0, 10_000)), (None, None));
+}
+
+/// Number in the name of a scene of US-101, 0 for I-80.
+fn scene_number(name: &str) -> u32 {
+    name.trim_start_matches("us101-").trim_end_matches("_1").parse().unwrap_or(0)
 }

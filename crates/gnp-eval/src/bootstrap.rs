@@ -1,9 +1,11 @@
-//! Intervals by resampling vehicles.
+//! Intervals by resampling drivers, and wider ones by resampling events.
 //!
-//! Windows of one vehicle overlap and share a driver, so they are far from independent: resampling
-//! windows would give intervals several times too narrow. Vehicles are drawn with replacement, each
-//! with all its windows. Of a system that was trained with several seeds these are drawn with
-//! replacement as well, so that the interval is of drivers *and* trainings. Of n seeds that gives
+//! Windows of one driver overlap, so they are far from independent: resampling windows would give
+//! intervals several times too narrow. Drivers are drawn with replacement, each with all windows of
+//! all recordings in which he is the target. Drivers of one event are not independent either: the
+//! second bootstrap draws events, each with all its windows. Of n events it, too, gives (n - 1) / n
+//! of the variance, so that intervals by few events are still too narrow. Of a system that was trained with several seeds these are drawn with
+//! replacement as well, so that the interval is of drivers or events *and* trainings. Of n seeds that gives
 //! (n - 1) / n of the variance between trainings: three seeds show four fifths of their spread.
 
 use std::collections::BTreeMap;
@@ -13,9 +15,10 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::clusters::Draw;
 use crate::error::EvalError;
 use crate::metric::{Direction, MetricKind};
-use crate::sums::{Cell, Members, Pool};
+use crate::sums::{Members, Pool};
 
 /// How many resamples, and the seed. Resample `i` is the same for every metric and model scored on
 /// the same vehicles, and on any number of threads.
@@ -42,18 +45,25 @@ pub struct Interval {
 pub struct Difference {
     /// The first model's value minus the second's.
     pub value: f64,
-    /// Interval of that difference, both models resampled together; `None` with fewer than two
-    /// vehicles.
+    /// Interval of that difference by driver, both models resampled together; `None` with fewer
+    /// than two drivers.
     pub interval: Option<Interval>,
-    /// Share of resamples in which the first model is better.
+    /// The same by event; `None` with fewer than three events.
+    pub by_event: Option<Interval>,
+    /// Share of resamples by driver in which the first model is better.
     pub share_better: f64,
 }
 
 impl Difference {
-    /// Whether the interval leaves out zero.
+    /// Whether the interval by driver leaves out zero and, where there is one, that by event does
+    /// so on the same side.
     #[must_use]
     pub fn is_clear(&self) -> bool {
-        self.interval.is_some_and(|interval| interval.low > 0. || interval.high < 0.)
+        let above = |interval: Interval| interval.low > 0.;
+        let below = |interval: Interval| interval.high < 0.;
+        self.interval.is_some_and(|interval| {
+            (above(interval) && self.by_event.is_none_or(above)) || (below(interval) && self.by_event.is_none_or(below))
+        })
     }
 }
 
@@ -95,20 +105,20 @@ impl Bootstrap {
         (vehicles > 1).then(|| middle(values())).flatten()
     }
 
-    /// An interval for each metric; `None` with fewer than two contributing vehicles.
-    pub(crate) fn intervals(&self, sums: &Members, kinds: &[MetricKind]) -> Vec<Option<Interval>> {
-        let values = self.resample(sums.vehicles().len(), [sums.seeds()], |times, [seeds]| {
-            let mut pools = vec![Pool::default(); kinds.len()];
-            for (row, times) in drawn(sums, times, seeds) {
-                for ((pool, cell), kind) in pools.iter_mut().zip(row).zip(kinds) {
-                    pool.add(cell, times, *kind);
-                }
+    /// An interval for each metric; `None` with too few clusters that contribute.
+    pub(crate) fn intervals(&self, sums: &Members, kinds: &[MetricKind], draw: Draw) -> Vec<Option<Interval>> {
+        let metrics: Vec<(usize, MetricKind)> = kinds.iter().copied().enumerate().collect();
+        let pools = sums.pools(draw, &metrics);
+        let values = self.resample(clusters(&pools), [sums.seeds()], |times, [seeds]| {
+            let mut sums = vec![Pool::default(); kinds.len()];
+            for (row, times) in drawn(&pools, times, seeds) {
+                sums.iter_mut().zip(row).for_each(|(sum, pool)| sum.add_times(*pool, times));
             }
-            pools.iter().zip(kinds).map(|(pool, kind)| pool.value(*kind)).collect::<Vec<_>>()
+            sums.iter().zip(kinds).map(|(pool, kind)| pool.value(*kind)).collect::<Vec<_>>()
         });
         let of_metric = |index: usize| {
             let resampled = values.iter().filter_map(|values| values[index]).collect();
-            (sums.counts(index).1 > 1).then(|| middle(resampled)).flatten()
+            (contributing(sums, index, draw) >= draw.least()).then(|| middle(resampled)).flatten()
         };
         (0..kinds.len()).map(of_metric).collect()
     }
@@ -118,33 +128,40 @@ impl Bootstrap {
     /// contributed.
     pub(crate) fn difference(&self, a: &Members, b: &Members, index: usize, kind: MetricKind) -> Option<Difference> {
         let value = a.value(index, kind)? - b.value(index, kind)?;
-        let resampled: Vec<f64> = self
-            .resample(a.vehicles().len(), [a.seeds(), b.seeds()], |times, [seeds_a, seeds_b]| {
-                let of = |sums: &Members, seeds: &[f64]| {
-                    let mut pool = Pool::default();
-                    drawn(sums, times, seeds).for_each(|(row, times)| pool.add(&row[index], times, kind));
-                    pool.value(kind)
+        let resampled = |draw: Draw| -> Vec<[f64; 2]> {
+            let pools = [a, b].map(|sums| sums.pools(draw, &[(index, kind)]));
+            let values = self.resample(clusters(&pools[0]), [a.seeds(), b.seeds()], |times, [seeds_a, seeds_b]| {
+                let of = |pools: &Pools, seeds: &[f64]| {
+                    let mut sum = Pool::default();
+                    drawn(pools, times, seeds).for_each(|(row, times)| sum.add_times(row[0], times));
+                    sum.value(kind)
                 };
-                Some(of(a, seeds_a)? - of(b, seeds_b)?)
-            })
-            .into_iter()
-            .flatten()
-            .collect();
-        let better = |difference: &&f64| match kind.direction() {
-            Direction::Lower => **difference < 0.,
-            Direction::Higher => **difference > 0.,
+                Some([of(&pools[0], seeds_a)?, of(&pools[1], seeds_b)?])
+            });
+            values.into_iter().flatten().collect()
         };
-        let share_better = resampled.iter().filter(better).count() as f64 / resampled.len().max(1) as f64;
-        let interval = (a.counts(index).1 > 1).then(|| middle(resampled)).flatten();
-        Some(Difference { value, interval, share_better })
+        let interval = |draw: Draw, values: &[[f64; 2]]| {
+            let differences = || values.iter().map(|[a, b]| a - b).collect();
+            (contributing(a, index, draw) >= draw.least()).then(|| middle(differences())).flatten()
+        };
+        let better = |[a, b]: &&[f64; 2]| match kind.direction() {
+            Direction::Lower => a < b,
+            Direction::Higher => a > b,
+            Direction::Towards(ideal) => (a - ideal).abs() < (b - ideal).abs(),
+        };
+        let by_driver = resampled(Draw::Drivers);
+        let share_better = by_driver.iter().filter(better).count() as f64 / by_driver.len().max(1) as f64;
+        let events = contributing(a, index, Draw::Events) >= Draw::Events.least();
+        let by_event = events.then(|| interval(Draw::Events, &resampled(Draw::Events))).flatten();
+        Some(Difference { value, interval: interval(Draw::Drivers, &by_driver), by_event, share_better })
     }
 
-    /// `of` each resample, in order: it is given how often each vehicle was drawn, and for each system
+    /// `of` each resample, in order: it is given how often each cluster was drawn, and for each system
     /// of `seeds` seeds how often each of these. One seed is always drawn; systems with as many seeds
     /// share a draw.
     fn resample<T: Send, const N: usize>(
         &self,
-        vehicles: usize,
+        clusters: usize,
         seeds: [usize; N],
         of: impl Fn(&[f64], [&[f64]; N]) -> T + Sync,
     ) -> Vec<T> {
@@ -158,7 +175,7 @@ impl Bootstrap {
                 }
                 times
             };
-            let times = draw(vehicles);
+            let times = draw(clusters);
             let mut of_seeds: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
             for count in seeds {
                 of_seeds.entry(count).or_insert_with(|| draw(count));
@@ -169,12 +186,28 @@ impl Bootstrap {
     }
 }
 
-/// The rows of vehicles and seeds that were drawn, each with how often.
-fn drawn<'a>(sums: &'a Members, times: &'a [f64], seeds: &'a [f64]) -> impl Iterator<Item = (&'a [Cell], f64)> {
-    let seeds = sums.each().zip(seeds).filter(|(_, seed)| **seed > 0.);
+/// What each cluster adds to metrics, `[seeds][clusters][metrics]`.
+type Pools = Vec<Vec<Vec<Pool>>>;
+
+fn clusters(pools: &Pools) -> usize {
+    pools.first().map_or(0, Vec::len)
+}
+
+/// Clusters with windows that contributed to the metric at `index`.
+fn contributing(sums: &Members, index: usize, draw: Draw) -> usize {
+    let counts = sums.counts(index);
+    match draw {
+        Draw::Drivers => counts.drivers,
+        Draw::Events => counts.events,
+    }
+}
+
+/// The rows of clusters and seeds that were drawn, each with how often.
+fn drawn<'a>(pools: &'a Pools, times: &'a [f64], seeds: &'a [f64]) -> impl Iterator<Item = (&'a [Pool], f64)> {
+    let seeds = pools.iter().zip(seeds).filter(|(_, seed)| **seed > 0.);
     seeds.flat_map(move |(member, seed)| {
-        let rows = member.rows().zip(times).filter(|(_, times)| **times > 0.);
-        rows.map(move |(row, times)| (row, times * seed))
+        let rows = member.iter().zip(times).filter(|(_, times)| **times > 0.);
+        rows.map(move |(row, times)| (&row[..], times * seed))
     })
 }
 
@@ -205,7 +238,7 @@ mod tests {
         let mut gatherer = Gatherer::new(1);
         for vehicle in 0..vehicles {
             for _ in 0..windows {
-                gatherer.add("r", vehicle, &[Some(of(vehicle))]);
+                gatherer.add_alone("r", vehicle, &[Some(of(vehicle))]);
             }
         }
         Members::one(gatherer.finish())
@@ -242,7 +275,7 @@ mod tests {
         let mean = values.iter().sum::<f64>() / 400.;
         let deviation = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 399.).sqrt();
         let half = 1.96 * deviation / 400f64.sqrt();
-        let found = bootstrap().intervals(&sums, &[MetricKind::Ade])[0].unwrap();
+        let found = bootstrap().intervals(&sums, &[MetricKind::Ade], Draw::Drivers)[0].unwrap();
         assert!((found.low - (mean - half)).abs() < 0.1 * half, "{found:?}, {mean} +- {half}");
         assert!((found.high - (mean + half)).abs() < 0.1 * half, "{found:?}, {mean} +- {half}");
     }
@@ -254,7 +287,7 @@ mod tests {
         let held = (0..200)
             .filter(|sample| {
                 let sums = sums(60, 1, |vehicle| normal(100 + sample, vehicle).powi(2));
-                let interval = bootstrap.intervals(&sums, &[MetricKind::RmseAt])[0].unwrap();
+                let interval = bootstrap.intervals(&sums, &[MetricKind::RmseAt], Draw::Drivers)[0].unwrap();
                 interval.low <= 1. && 1. <= interval.high
             })
             .count();
@@ -266,7 +299,8 @@ mod tests {
     #[test]
     fn intervals_do_not_shrink_with_windows_of_the_same_vehicles() {
         let of = |windows| {
-            let interval = bootstrap().intervals(&sums(50, windows, f64::from), &[MetricKind::Ade])[0].unwrap();
+            let interval =
+                bootstrap().intervals(&sums(50, windows, f64::from), &[MetricKind::Ade], Draw::Drivers)[0].unwrap();
             interval.high - interval.low
         };
         assert!((of(1) - of(100)).abs() < 1e-9);
@@ -278,11 +312,12 @@ mod tests {
         let sums = sums(37, 2, |vehicle| normal(2, vehicle).powi(2));
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| bootstrap().intervals(&sums, &[MetricKind::RmseAt])[0].unwrap())
+            pool.install(|| bootstrap().intervals(&sums, &[MetricKind::RmseAt], Draw::Drivers)[0].unwrap())
         };
         let (one, two) = (on(1), on(2));
         assert_eq!((one.low.to_bits(), one.high.to_bits()), (two.low.to_bits(), two.high.to_bits()));
-        let other = Bootstrap { seed: 6, ..bootstrap() }.intervals(&sums, &[MetricKind::RmseAt])[0].unwrap();
+        let other =
+            Bootstrap { seed: 6, ..bootstrap() }.intervals(&sums, &[MetricKind::RmseAt], Draw::Drivers)[0].unwrap();
         assert_ne!(one, other);
     }
 
@@ -294,7 +329,8 @@ mod tests {
         let difference = bootstrap().difference(&a, &b, 0, MetricKind::MinFde).unwrap();
         assert!((difference.value + 0.1).abs() < 0.01);
         assert!(difference.is_clear() && difference.share_better == 1.);
-        let [alone_a, alone_b] = [&a, &b].map(|sums| bootstrap().intervals(sums, &[MetricKind::MinFde])[0].unwrap());
+        let [alone_a, alone_b] =
+            [&a, &b].map(|sums| bootstrap().intervals(sums, &[MetricKind::MinFde], Draw::Drivers)[0].unwrap());
         assert!(alone_a.high > alone_b.low, "the models' own intervals overlap");
     }
 
@@ -320,7 +356,7 @@ mod tests {
     fn identical_seeds_give_what_one_gives() {
         let one = sums(60, 2, |vehicle| normal(3, vehicle).powi(2));
         let three = seeded([one.clone(), one.clone(), one.clone()]);
-        let of = |sums| bootstrap().intervals(sums, &[MetricKind::RmseAt])[0].unwrap();
+        let of = |sums| bootstrap().intervals(sums, &[MetricKind::RmseAt], Draw::Drivers)[0].unwrap();
         assert!(near(of(&one), of(&three), 1e-12), "{:?} {:?}", of(&one), of(&three));
         assert!(
             (one.value(0, MetricKind::RmseAt).unwrap() - three.value(0, MetricKind::RmseAt).unwrap()).abs() < 1e-12
@@ -339,9 +375,9 @@ mod tests {
         let at = |value: f64| sums(50, 1, move |_| value);
         let three = seeded([at(1.), at(2.), at(3.)]);
         assert!((three.value(0, MetricKind::Ade).unwrap() - 2.).abs() < 1e-12);
-        let found = bootstrap().intervals(&three, &[MetricKind::Ade])[0].unwrap();
+        let found = bootstrap().intervals(&three, &[MetricKind::Ade], Draw::Drivers)[0].unwrap();
         assert!((found.low - 1.).abs() < 1e-12 && (found.high - 3.).abs() < 1e-12, "{found:?}");
-        let alone = bootstrap().intervals(&at(2.), &[MetricKind::Ade])[0].unwrap();
+        let alone = bootstrap().intervals(&at(2.), &[MetricKind::Ade], Draw::Drivers)[0].unwrap();
         assert!((alone.high - alone.low).abs() < 1e-12);
         // Seeds move the difference to another model, and not that to the model itself.
         let difference = bootstrap().difference(&three, &at(2.5), 0, MetricKind::Ade).unwrap();
@@ -353,9 +389,63 @@ mod tests {
 
     #[test]
     fn one_vehicle_has_no_interval() {
-        assert_eq!(bootstrap().intervals(&sums(1, 40, |_| 2.), &[MetricKind::Ade]), [None]);
+        assert_eq!(bootstrap().intervals(&sums(1, 40, |_| 2.), &[MetricKind::Ade], Draw::Drivers), [None]);
         let difference = bootstrap().difference(&sums(1, 4, |_| 2.), &sums(1, 4, |_| 1.), 0, MetricKind::Ade);
         assert_eq!(difference.unwrap().interval, None);
+    }
+
+    /// Five events of forty drivers, who differ little within an event: by driver the mean looks sure, by event not.
+    #[test]
+    fn events_that_differ_give_the_wider_interval() {
+        let of = |shift: f64| {
+            let mut gatherer = Gatherer::new(1);
+            for vehicle in 0..200 {
+                let event = vehicle / 40;
+                let value = shift + f64::from(event) + 0.1 * normal(7, vehicle);
+                gatherer.add_of("r", vehicle, [("r", vehicle), ("r", 40 * event)], &[Some(value)]);
+            }
+            Members::one(gatherer.finish())
+        };
+        let width = |draw| {
+            let interval = bootstrap().intervals(&of(0.), &[MetricKind::Ade], draw)[0].unwrap();
+            interval.high - interval.low
+        };
+        // Of the values 0 to 4 the mean has the deviation sqrt(2 / 200) by driver and sqrt(2 / 5) by event.
+        let (by_driver, by_event) = (width(Draw::Drivers), width(Draw::Events));
+        assert!((by_driver - 3.92 * 0.1).abs() < 0.05, "{by_driver}");
+        assert!((by_event - 3.92 * 0.4f64.sqrt()).abs() < 0.4, "{by_event}");
+        let difference = bootstrap().difference(&of(0.), &of(0.2), 0, MetricKind::Ade).unwrap();
+        let near = |it: Interval| (it.low + 0.2).abs() < 1e-9 && (it.high + 0.2).abs() < 1e-9;
+        assert!(near(difference.interval.unwrap()) && near(difference.by_event.unwrap()), "{difference:?}");
+        assert!(difference.is_clear());
+    }
+
+    /// Forty drivers of two events: too few events for an interval.
+    #[test]
+    fn two_events_are_no_sample() {
+        let of = |events: u32| {
+            let mut gatherer = Gatherer::new(1);
+            for vehicle in 0..40 {
+                let cluster = [("r", vehicle), ("r", vehicle % events)];
+                gatherer.add_of("r", vehicle, cluster, &[Some(f64::from(vehicle))]);
+            }
+            Members::one(gatherer.finish())
+        };
+        let interval = |events, draw| bootstrap().intervals(&of(events), &[MetricKind::Ade], draw)[0];
+        assert!(interval(2, Draw::Events).is_none() && interval(2, Draw::Drivers).is_some());
+        assert!(interval(3, Draw::Events).is_some());
+        let difference = |events| bootstrap().difference(&of(events), &of(events), 0, MetricKind::Ade).unwrap();
+        assert!(difference(2).by_event.is_none() && difference(3).by_event.is_some());
+    }
+
+    /// Which of two is nearer to what it should be is no matter of sign.
+    #[test]
+    fn a_share_that_has_an_ideal_is_better_near_it() {
+        let at = |value: f64| sums(30, 1, move |_| value);
+        let share_better =
+            |a: f64, b: f64| bootstrap().difference(&at(a), &at(b), 0, MetricKind::Coverage50At).unwrap().share_better;
+        assert_eq!([share_better(0.45, 0.6), share_better(0.6, 0.45)], [1., 0.]);
+        assert_eq!([share_better(0.3, 0.6), share_better(0.6, 0.3)], [0., 1.]);
     }
 
     #[test]

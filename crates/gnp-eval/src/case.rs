@@ -4,6 +4,7 @@ use gnp_data::{Forecast, Mode, Window, WindowShape};
 
 use crate::error::{EvalError, ForecastProblem};
 use crate::metric::Footprint;
+use crate::spreads::Spread;
 
 /// What happened in the predicted frames of one window: the target's path, the road's edges and the
 /// boxes of the other vehicles. Window frame, m.
@@ -152,6 +153,8 @@ pub struct ScoredWindow<'a> {
     modes: &'a [Mode],
     /// `[modes, frames]`, m².
     squared: Vec<f64>,
+    /// By whole second; empty for a system without densities.
+    spreads: &'a [Spread],
 }
 
 impl<'a> ScoredWindow<'a> {
@@ -168,7 +171,21 @@ impl<'a> ScoredWindow<'a> {
             .flat_map(|mode| mode.path.iter().zip(&reference.path))
             .map(|(p, q)| (f64::from(p[0]) - f64::from(q[0])).powi(2) + (f64::from(p[1]) - f64::from(q[1])).powi(2))
             .collect();
-        Ok(Self { reference, modes, squared })
+        Ok(Self { reference, modes, squared, spreads: &[] })
+    }
+
+    /// The same with the spreads of the system on the window's site, without which it has no density.
+    #[must_use]
+    pub fn with_spreads(mut self, spreads: &'a [Spread]) -> Self {
+        self.spreads = spreads;
+        self
+    }
+
+    /// The spreads up to `horizon_s`, in order; none where they do not reach it.
+    #[must_use]
+    pub(crate) fn spreads_to(&self, horizon_s: f64) -> &'a [Spread] {
+        let last = self.spreads.iter().position(|spread| (spread.horizon_s - horizon_s).abs() < 1e-6);
+        last.map_or(&[], |last| &self.spreads[..=last])
     }
 
     /// What happened.

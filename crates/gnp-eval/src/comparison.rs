@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bootstrap::{Bootstrap, Difference};
 use crate::error::EvalError;
-use crate::evaluate::{Evaluation, Sheet};
+use crate::evaluation::{Evaluation, Sheet};
 use crate::metric::Direction;
 use crate::protocol::Protocol;
 use crate::score::{ALL_SITES, load_lines, save_lines};
@@ -16,11 +16,11 @@ use crate::score::{ALL_SITES, load_lines, save_lines};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The first model is better: the interval leaves out zero.
+    /// The first model is better: both intervals, by driver and by event, leave out zero.
     Better,
-    /// The second model is better: the interval leaves out zero.
+    /// The second model is better: both intervals leave out zero.
     Worse,
-    /// The interval holds zero, or there is none.
+    /// An interval holds zero, or there is none by driver; also where which way is better is no matter of sign.
     Open,
 }
 
@@ -29,10 +29,10 @@ impl Verdict {
     #[must_use]
     pub fn of(difference: &Difference, direction: Direction) -> Self {
         let lower = difference.value < 0.;
-        match (difference.is_clear(), lower == (direction == Direction::Lower)) {
-            (false, _) => Self::Open,
-            (true, true) => Self::Better,
-            (true, false) => Self::Worse,
+        match direction {
+            Direction::Lower if difference.is_clear() => [Self::Worse, Self::Better][usize::from(lower)],
+            Direction::Higher if difference.is_clear() => [Self::Better, Self::Worse][usize::from(lower)],
+            _ => Self::Open,
         }
     }
 
@@ -47,7 +47,7 @@ impl Verdict {
     }
 }
 
-/// Two models compared by one metric, vehicles and seeds resampled for both together.
+/// Two models compared by one metric; drivers, and once more events, and seeds resampled for both together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Comparison {
@@ -72,18 +72,27 @@ pub struct Comparison {
     pub seeds: [usize; 2],
     /// The first model's value minus the second's.
     pub value: f64,
-    /// Lower end of the 95 % interval of the difference; null with fewer than two vehicles.
+    /// Lower end of the 95 % interval of the difference by driver; null with fewer than two.
     pub ci_low: Option<f64>,
     /// Upper end of it.
     pub ci_high: Option<f64>,
-    /// Share of resamples in which the first model is better.
+    /// Lower end of the interval by event; null with fewer than three.
+    #[serde(default)]
+    pub event_ci_low: Option<f64>,
+    /// Upper end of it.
+    #[serde(default)]
+    pub event_ci_high: Option<f64>,
+    /// Share of resamples by driver in which the first model is better.
     pub share_better: f64,
     /// Whether the first model is better.
     pub verdict: Verdict,
     /// Windows that entered.
     pub windows: u64,
-    /// Vehicles that entered.
+    /// Drivers that entered.
     pub vehicles: usize,
+    /// Events that entered; 0 in files that do not say.
+    #[serde(default)]
+    pub events: usize,
     /// Whether any recording that was scored is simulated.
     pub simulated: bool,
     /// Whether one of the two is handed recorded futures.
@@ -97,7 +106,7 @@ fn one_each() -> [usize; 2] {
 
 impl Evaluation {
     /// Each other model against `model`, by protocol, site ([`ALL_SITES`] last, and only where there
-    /// are several) and headline metric: the first minus the second.
+    /// are several) and headline metric that both have: the first minus the second.
     ///
     /// # Errors
     /// [`EvalError::NotScored`] when `model` is not among those scored.
@@ -130,9 +139,13 @@ impl Evaluation {
         let Some(metrics) = self.metrics.get(&protocol) else { return Ok(()) };
         let last = metrics.iter().map(|metric| metric.horizon_s).fold(0., f64::max);
         for metric in protocol.headline_at(last) {
-            let difference = self.difference(protocol, site, (&own.model, &other.model), metric, bootstrap)?;
             let index = metrics.iter().position(|m| *m == metric).unwrap_or(0);
-            let (windows, vehicles) = own.sums.get(site).map_or((0, 0), |sums| sums.counts(index));
+            let [counts, others] = [own, other].map(|it| it.sums.get(site).map(|sums| sums.counts(index)));
+            // A model without densities has none of their metrics.
+            let (Some(counts), Some(1..)) = (counts.filter(|it| it.windows > 0), others.map(|it| it.windows)) else {
+                continue;
+            };
+            let difference = self.difference(protocol, site, (&own.model, &other.model), metric, bootstrap)?;
             rows.push(Comparison {
                 dataset: self.setting().dataset,
                 site: site.to_owned(),
@@ -146,10 +159,13 @@ impl Evaluation {
                 value: difference.value,
                 ci_low: difference.interval.map(|interval| interval.low),
                 ci_high: difference.interval.map(|interval| interval.high),
+                event_ci_low: difference.by_event.map(|interval| interval.low),
+                event_ci_high: difference.by_event.map(|interval| interval.high),
                 share_better: difference.share_better,
                 verdict: Verdict::of(&difference, metric.kind.direction()),
-                windows,
-                vehicles,
+                windows: counts.windows,
+                vehicles: counts.drivers,
+                events: counts.events,
                 simulated: self.setting().simulated,
                 uses_future: own.uses_future || other.uses_future,
             });
@@ -190,16 +206,28 @@ mod tests {
     use super::*;
     use crate::bootstrap::Interval;
 
+    fn verdicts(value: f64, interval: Option<(f64, f64)>, by_event: Option<(f64, f64)>) -> [Verdict; 3] {
+        let [interval, by_event] = [interval, by_event].map(|it| it.map(|(low, high)| Interval { low, high }));
+        let difference = Difference { value, interval, by_event, share_better: 0.5 };
+        [Direction::Lower, Direction::Higher, Direction::Towards(0.5)].map(|it| Verdict::of(&difference, it))
+    }
+
     #[test]
     fn only_an_interval_without_zero_decides() {
-        let of = |value: f64, interval: Option<(f64, f64)>| {
-            let interval = interval.map(|(low, high)| Interval { low, high });
-            let difference = Difference { value, interval, share_better: 0.5 };
-            [Direction::Lower, Direction::Higher].map(|direction| Verdict::of(&difference, direction))
-        };
-        assert_eq!(of(-1., Some((-2., -0.1))), [Verdict::Better, Verdict::Worse]);
-        assert_eq!(of(1., Some((0.1, 2.))), [Verdict::Worse, Verdict::Better]);
-        assert_eq!(of(-1., Some((-2., 0.1))), [Verdict::Open; 2]);
-        assert_eq!(of(-1., None), [Verdict::Open; 2]);
+        let of = |value, interval| verdicts(value, interval, None);
+        assert_eq!(of(-1., Some((-2., -0.1))), [Verdict::Better, Verdict::Worse, Verdict::Open]);
+        assert_eq!(of(1., Some((0.1, 2.))), [Verdict::Worse, Verdict::Better, Verdict::Open]);
+        assert_eq!(of(-1., Some((-2., 0.1))), [Verdict::Open; 3]);
+        assert_eq!(of(-1., None), [Verdict::Open; 3]);
+    }
+
+    #[test]
+    fn events_must_agree() {
+        let of = |by_event| verdicts(-1., Some((-2., -0.1)), by_event)[0];
+        assert_eq!(of(Some((-3., -0.05))), Verdict::Better);
+        assert_eq!(of(Some((-3., 0.05))), Verdict::Open);
+        assert_eq!(of(Some((0.1, 0.2))), Verdict::Open);
+        assert_eq!(verdicts(1., Some((0.1, 2.)), Some((0.05, 3.)))[0], Verdict::Worse);
+        assert_eq!(verdicts(1., None, Some((0.05, 3.)))[0], Verdict::Open);
     }
 }

@@ -4,7 +4,8 @@
 //! the [`Evaluation`] it gives knows the sums of every [`Metric`] by vehicle, from which come values
 //! with intervals ([`Score`], `metrics.json`), comparisons ([`Evaluation::comparisons`],
 //! `differences.json`) and [`Table`]s, by site and, under `clean`, by [`Manoeuvre`]; the [`Summary`] is
-//! one sentence and one small table. Which metrics, and how many futures a model is asked for, is a [`Protocol`].
+//! one sentence and one small table. Intervals are by driver and, wider, by event. [`Spreads`] make
+//! densities of forecasts. Which metrics, and how many futures a model is asked for, is a [`Protocol`].
 //! Forecasts go to and come from Parquet by [`PredictionWriter`] and [`read_predictions`]; what was
 //! read is a predictor in its turn, so anyone's forecasts can be scored.
 //!
@@ -13,23 +14,28 @@
 
 mod bootstrap;
 mod case;
+mod clusters;
 mod comparison;
 mod error;
 mod evaluate;
+mod evaluation;
 mod manoeuvre;
 mod metric;
 mod predictions;
 mod protocol;
 mod score;
+mod spreads;
 mod summary;
 mod sums;
 mod table;
 
 pub use crate::bootstrap::{Bootstrap, Difference, Interval};
 pub use crate::case::{Reference, ScoredWindow};
+pub use crate::clusters::Clusters;
 pub use crate::comparison::{Comparison, Verdict, load_comparisons, save_comparisons};
 pub use crate::error::{EvalError, ForecastProblem, PredictionProblem};
-pub use crate::evaluate::{Batch, EvalConfig, EvaluatedModel, Evaluation, Setting, evaluate};
+pub use crate::evaluate::{Batch, EvalConfig, EvaluatedModel, evaluate};
+pub use crate::evaluation::{Evaluation, Setting};
 pub use crate::manoeuvre::{BARE_CHANGE_M, BRAKE_MPS2, CHANGE_M, Manoeuvre};
 pub use crate::metric::{BEGUN_M, BEGUN_S, Direction, MISS_M, Metric, MetricKind, Unit};
 pub use crate::predictions::{
@@ -38,6 +44,7 @@ pub use crate::predictions::{
 };
 pub use crate::protocol::Protocol;
 pub use crate::score::{ALL_SITES, Score, load_scores, save_scores};
+pub use crate::spreads::{Spread, Spreads};
 pub use crate::summary::{SiteSummary, Summary, SummaryModels, SummaryRow, SummaryValue};
 pub use crate::sums::{MetricSums, VehicleId};
 pub use crate::table::{Table, TableCell, TableHead, comparison_tables, csv, tables};

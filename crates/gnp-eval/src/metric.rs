@@ -5,6 +5,7 @@
 //! with the least ADE need not be the one with the least FDE. A forecast with fewer than k modes is
 //! scored on those it has.
 
+mod density;
 mod displacement;
 mod lane_change;
 mod overlap;
@@ -21,6 +22,10 @@ use crate::metric::lane_change::Beginning;
 
 /// Beyond this error at the horizon a forecast has missed, m (Argoverse 2).
 pub const MISS_M: f64 = 2.;
+
+/// Shares of probability whose central interval along the road is looked at.
+const HALF: f64 = 0.5;
+const NINE_TENTHS: f64 = 0.9;
 
 /// What a metric measures. `h` is its horizon, "error" the distance between the predicted and the
 /// recorded centre.
@@ -39,8 +44,14 @@ pub enum MetricKind {
     LateralRmseAt,
     /// Root of the mean squared error along the road at `h`, of the first mode, the prediction.
     LongitudinalRmseAt,
+    /// Mean of predicted minus recorded position along the road at `h`, of the first mode, the prediction: below 0 a
+    /// system lags behind.
+    LongitudinalBiasAt,
     /// Root of the mean squared error at `h` of the mean of all modes, weighted by probability.
     MixtureMeanRmseAt,
+    /// Root of the mean squared error at `h` of the likeliest mode, the one with the largest probability of all that are
+    /// given (arg-max); of equal ones the first.
+    LikeliestRmseAt,
     /// Average displacement error: mean error over all frames up to `h`, of the first mode, the prediction.
     Ade,
     /// Final displacement error: error at `h`, of the first mode, the prediction.
@@ -81,6 +92,16 @@ pub enum MetricKind {
     /// turned along the recorded path: 1 m to the sides and 2 m along at 3 s, 1.8 and 3.6 m at 5 s,
     /// 3 and 6 m at 8 s, half of that up to a present speed of 1.4 m/s, whole from 11 m/s on (Waymo).
     BoxMissRate,
+    /// Negative log likelihood of the recorded position at `h`, under the density of the forecast
+    /// ([`Spreads`](crate::Spreads)), which is per m².
+    NllAt,
+    /// Mean of [`MetricKind::NllAt`] over the whole seconds up to `h`.
+    NllTo,
+    /// Share of windows whose recorded position along the road at `h` lies in the central half of the forecast's
+    /// density along the road: half of them, where forecasts say how sure they are.
+    Coverage50At,
+    /// The same of the central nine tenths.
+    Coverage90At,
 }
 
 /// Unit of a metric's value.
@@ -92,15 +113,19 @@ pub enum Unit {
     Share,
     /// A sum of unlike quantities.
     Mixed,
+    /// Nats, of a density per m².
+    Nat,
 }
 
 /// Which way a metric is better.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Direction {
     /// Lower is better.
     Lower,
     /// Higher is better.
     Higher,
+    /// Nearer to a value is better.
+    Towards(f64),
 }
 
 impl MetricKind {
@@ -114,7 +139,9 @@ impl MetricKind {
             Self::RmseToPerCoordinate => "rmse_to_per_coordinate",
             Self::LateralRmseAt => "lateral_rmse_at",
             Self::LongitudinalRmseAt => "longitudinal_rmse_at",
+            Self::LongitudinalBiasAt => "longitudinal_bias_at",
             Self::MixtureMeanRmseAt => "mixture_mean_rmse_at",
+            Self::LikeliestRmseAt => "likeliest_rmse_at",
             Self::Ade => "ade",
             Self::Fde => "fde",
             Self::MinAde => "min_ade",
@@ -129,6 +156,10 @@ impl MetricKind {
             Self::SampledMinAde => "min_ade_2hz",
             Self::AnyPointMissRate => "miss_rate_any_point",
             Self::BoxMissRate => "miss_rate_box",
+            Self::NllAt => "nll_at",
+            Self::NllTo => "nll_to",
+            Self::Coverage50At => "coverage_50_at",
+            Self::Coverage90At => "coverage_90_at",
         }
     }
 
@@ -143,8 +174,11 @@ impl MetricKind {
             | Self::LaneChangeRecall
             | Self::LaneChangeRecallUnderWay
             | Self::AnyPointMissRate
-            | Self::BoxMissRate => Unit::Share,
+            | Self::BoxMissRate
+            | Self::Coverage50At
+            | Self::Coverage90At => Unit::Share,
             Self::BrierMinFde => Unit::Mixed,
+            Self::NllAt | Self::NllTo => Unit::Nat,
             _ => Unit::Metre,
         }
     }
@@ -154,6 +188,9 @@ impl MetricKind {
     pub fn direction(self) -> Direction {
         match self {
             Self::LaneChangeRecall | Self::LaneChangeRecallUnderWay => Direction::Higher,
+            Self::LongitudinalBiasAt => Direction::Towards(0.),
+            Self::Coverage50At => Direction::Towards(HALF),
+            Self::Coverage90At => Direction::Towards(NINE_TENTHS),
             _ => Direction::Lower,
         }
     }
@@ -161,7 +198,16 @@ impl MetricKind {
     /// Whether it applies to every window, and so counts as many as there are.
     #[must_use]
     pub(crate) fn is_of_all_windows(name: &str) -> bool {
-        ![Self::OffRoad, Self::LaneChangeRecall, Self::LaneChangeRecallUnderWay].iter().any(|kind| kind.name() == name)
+        let of_some = [
+            Self::OffRoad,
+            Self::LaneChangeRecall,
+            Self::LaneChangeRecallUnderWay,
+            Self::NllAt,
+            Self::NllTo,
+            Self::Coverage50At,
+            Self::Coverage90At,
+        ];
+        !of_some.iter().any(|kind| kind.name() == name)
     }
 
     /// Whether windows are first averaged within each vehicle.
@@ -180,7 +226,8 @@ impl MetricKind {
             | Self::RmseToPerCoordinate
             | Self::LateralRmseAt
             | Self::LongitudinalRmseAt
-            | Self::MixtureMeanRmseAt => mean.sqrt(),
+            | Self::MixtureMeanRmseAt
+            | Self::LikeliestRmseAt => mean.sqrt(),
             _ => mean,
         }
     }
@@ -231,7 +278,9 @@ impl Metric {
             MetricKind::RmseToPerCoordinate => Some(displacement::least_squared_to(case, k, frames) / 2.),
             MetricKind::LateralRmseAt => Some(displacement::squared_along(case, 1, frames)),
             MetricKind::LongitudinalRmseAt => Some(displacement::squared_along(case, 0, frames)),
+            MetricKind::LongitudinalBiasAt => Some(displacement::ahead(case, frames)),
             MetricKind::MixtureMeanRmseAt => Some(displacement::squared_of_mean(case, frames)),
+            MetricKind::LikeliestRmseAt => Some(displacement::squared_of_likeliest(case, frames)),
             MetricKind::Ade => Some(displacement::least_ade(case, 1, frames)),
             MetricKind::Fde => Some(displacement::least_squared_at(case, 1, frames).sqrt()),
             MetricKind::MinAde => Some(displacement::least_ade(case, k, frames)),
@@ -246,6 +295,10 @@ impl Metric {
             MetricKind::SampledMinAde => Some(sampled::least_ade(case, k, self.horizon_s)),
             MetricKind::AnyPointMissRate => Some(one_if(sampled::every_mode_leaves(case, k, self.horizon_s))),
             MetricKind::BoxMissRate => Some(one_if(sampled::outside_box(case, k, frames, self.horizon_s))),
+            MetricKind::NllAt => density::negative_log_likelihood_at(case, self.horizon_s)?,
+            MetricKind::NllTo => density::negative_log_likelihood_to(case, self.horizon_s)?,
+            MetricKind::Coverage50At => density::in_central(case, self.horizon_s, HALF)?.map(one_if),
+            MetricKind::Coverage90At => density::in_central(case, self.horizon_s, NINE_TENTHS)?.map(one_if),
         })
     }
 }

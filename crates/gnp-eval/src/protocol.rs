@@ -118,8 +118,9 @@ impl Protocol {
                 Self::Literature => metrics.extend([M::RmseAt, M::RmseAtByVehicle].map(top)),
                 Self::Clean => {
                     metrics.extend([M::RmseAt, M::RmseTo, M::RmseToPerCoordinate, M::Ade, M::Fde].map(top));
-                    metrics.extend([M::LateralRmseAt, M::LongitudinalRmseAt].map(top));
-                    metrics.push(Metric::of_all(M::MixtureMeanRmseAt, second));
+                    metrics.extend([M::LateralRmseAt, M::LongitudinalRmseAt, M::LongitudinalBiasAt].map(top));
+                    let of_all = [M::MixtureMeanRmseAt, M::LikeliestRmseAt, M::NllAt, M::Coverage50At, M::Coverage90At];
+                    metrics.extend(of_all.map(|kind| Metric::of_all(kind, second)));
                     for k in [6, 20] {
                         metrics.extend([M::MinAde, M::MinFde].map(|kind| best(kind, k)));
                     }
@@ -141,7 +142,7 @@ impl Protocol {
             metrics.extend(at_end.1.iter().map(|kind| Metric::best_of(*kind, *k, last)));
         }
         if self == Self::Clean {
-            metrics.push(Metric::of_all(M::RecordedOverlap, last));
+            metrics.extend([M::NllTo, M::RecordedOverlap].map(|kind| Metric::of_all(kind, last)));
             for kind in [M::LaneChangeRecall, M::LaneChangeRecallUnderWay] {
                 metrics.extend([1, 6].map(|k| Metric::best_of(kind, k, last)));
             }
@@ -152,7 +153,8 @@ impl Protocol {
         Ok(metrics)
     }
 
-    /// The metrics by which one model is called better than another, at the last whole second.
+    /// The metrics by which one model is called better than another, at the last whole second. Those of densities
+    /// apply to models that have [`Spreads`](crate::Spreads).
     ///
     /// # Errors
     /// As [`Protocol::metrics`].
@@ -171,9 +173,11 @@ impl Protocol {
             Self::Clean => vec![
                 best(M::RmseAt, 1),
                 Metric::of_all(M::MixtureMeanRmseAt, last),
+                Metric::of_all(M::LikeliestRmseAt, last),
                 best(M::MinAde, 6),
                 best(M::MinFde, 6),
                 best(M::MissRate, 6),
+                Metric::of_all(M::NllTo, last),
             ],
             Self::Argoverse2 => vec![best(M::MinFde, 6), best(M::BrierMinFde, 6)],
             Self::NuScenes => vec![best(M::SampledMinAde, 5), best(M::AnyPointMissRate, 5)],

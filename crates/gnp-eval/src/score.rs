@@ -38,14 +38,23 @@ pub struct Score {
     pub horizon_s: f64,
     /// The value.
     pub value: f64,
-    /// Lower end of the 95 % interval; null with fewer than two vehicles.
+    /// Lower end of the 95 % interval by driver; null with fewer than two drivers.
     pub ci_low: Option<f64>,
-    /// Upper end of the 95 % interval; null with fewer than two vehicles.
+    /// Upper end of the 95 % interval by driver; null with fewer than two drivers.
     pub ci_high: Option<f64>,
+    /// Lower end of the 95 % interval by event; null with fewer than three events.
+    #[serde(default)]
+    pub event_ci_low: Option<f64>,
+    /// Upper end of the 95 % interval by event; null with fewer than three events.
+    #[serde(default)]
+    pub event_ci_high: Option<f64>,
     /// Windows that entered.
     pub windows: u64,
-    /// Vehicles that entered.
+    /// Drivers that entered: a vehicle that is in several recordings counts once.
     pub vehicles: usize,
+    /// Events that entered; 0 in files that do not say.
+    #[serde(default)]
+    pub events: usize,
     /// Whether any recording that was scored is simulated.
     pub simulated: bool,
     /// Whether the model is handed recorded futures.
@@ -109,8 +118,11 @@ mod tests {
             value: 0.1 + 0.2,
             ci_low: ci,
             ci_high: ci.map(|low| low + 1.),
+            event_ci_low: ci.map(|low| low - 1.),
+            event_ci_high: ci.map(|low| low + 2.),
             windows: 120,
             vehicles: 7,
+            events: 3,
             simulated: true,
             uses_future: false,
         }
@@ -125,7 +137,7 @@ mod tests {
         assert_eq!(load_scores(&path).unwrap(), scores);
         let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
         let keys: Vec<&str> = json[1].as_object().unwrap().keys().map(String::as_str).collect();
-        assert_eq!(keys.len(), 16);
+        assert_eq!(keys.len(), 19);
         assert_eq!((&json[0]["manoeuvre"], &json[1]["manoeuvre"]), (&"left".into(), &serde_json::Value::Null));
         assert_eq!(json[0]["dataset"], "highd");
         assert_eq!(json[0]["protocol"], "clean");
@@ -134,14 +146,18 @@ mod tests {
     }
 
     #[test]
-    fn files_without_seeds_are_of_one() {
+    fn older_files_are_of_one_seed_and_say_nothing_of_events() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.json");
-        save_scores(&path, &[score(None, None)]).unwrap();
-        let text = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, text.replace("\"seeds\":1,", "")).unwrap();
-        assert_eq!(load_scores(&path).unwrap(), [score(None, None)]);
-        assert_ne!(std::fs::read_to_string(&path).unwrap(), text);
+        let score = Score { events: 0, ..score(None, None) };
+        save_scores(&path, std::slice::from_ref(&score)).unwrap();
+        let mut text = std::fs::read_to_string(&path).unwrap();
+        for added in ["\"seeds\":1,", "\"event_ci_low\":null,", "\"event_ci_high\":null,", "\"events\":0,"] {
+            assert!(text.contains(added), "{added}: {text}");
+            text = text.replace(added, "");
+        }
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(load_scores(&path).unwrap(), [score]);
     }
 
     #[test]

@@ -49,11 +49,11 @@ pub struct SiteSummary {
     pub site: String,
     /// Windows that were scored.
     pub windows: u64,
-    /// Vehicles that were scored.
+    /// Drivers that were scored.
     pub vehicles: usize,
     /// The model, the reference and the best rule; two rows where the reference is the best rule.
     pub rows: Vec<SummaryRow>,
-    /// Whether the model is better than the best rule by RMSE, vehicles resampled for both together;
+    /// Whether the model is better than the best rule by RMSE, drivers and events resampled for both together;
     /// `None` where they were not compared.
     pub verdict: Option<Verdict>,
 }
@@ -78,7 +78,7 @@ pub struct SummaryRow {
 pub struct SummaryValue {
     /// The value, m.
     pub value: f64,
-    /// Interval by vehicle; `None` with fewer than two vehicles.
+    /// Interval by driver; `None` with fewer than two drivers.
     pub interval: Option<Interval>,
 }
 
@@ -95,7 +95,7 @@ impl SummaryValue {
     }
 
     fn cell(&self) -> TableCell {
-        TableCell { text: format!("{:.2}", self.value), interval: self.interval }
+        TableCell { text: format!("{:.2}", self.value), interval: self.interval, by_event: None }
     }
 }
 
@@ -200,7 +200,7 @@ impl Summary {
         lines.push(line("", self.columns().map(|title| format!("{title}, m"))));
         for site in &self.sites {
             let SiteSummary { windows, vehicles, .. } = site;
-            lines.push(format!("{} ({windows} windows of {vehicles} vehicles)", site_name(&site.site)));
+            lines.push(format!("{} ({windows} windows of {vehicles} drivers)", site_name(&site.site)));
             for (row, title) in titled(site) {
                 let name = format!("  {title}");
                 let cells = row.cells().map(|cell| cell.with_interval());
@@ -223,7 +223,7 @@ impl Summary {
     fn note(&self) -> String {
         let simulated = if self.simulated { "Data: *simulated*. " } else { "" };
         format!(
-            "{simulated}Protocol clean: no future input. Intervals: 95 %, by vehicle. minFDE_{K} is the nearest of {K} \
+            "{simulated}Protocol clean: no future input. Intervals: 95 %, by driver; better or worse is said where that by event, too, leaves out zero. minFDE_{K} is the nearest of {K} \
              futures; a rule gives one. Best rule: the lowest RMSE of the rules on the site."
         )
     }

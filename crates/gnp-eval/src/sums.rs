@@ -1,7 +1,8 @@
 //! Sums of contributions by vehicle: all that a value and its interval need.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
+use crate::clusters::{Cluster, Draw};
 use crate::metric::MetricKind;
 
 /// A vehicle among recordings. Its gap-free stretches count as one vehicle.
@@ -28,9 +29,22 @@ pub(crate) struct Cell {
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetricSums {
     vehicles: Vec<VehicleId>,
+    /// Driver and event of each vehicle.
+    clusters: Vec<Cluster>,
     cells: Vec<Cell>,
     width: usize,
 }
+
+/// What entered a metric.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Counts {
+    pub(crate) windows: u64,
+    pub(crate) drivers: usize,
+    pub(crate) events: usize,
+}
+
+/// One vehicle's row while it is put together.
+type Row = (Cluster, Vec<Cell>);
 
 impl MetricSums {
     /// The vehicles, in order of recording and number.
@@ -44,42 +58,60 @@ impl MetricSums {
         self.cells.chunks_exact(self.width.max(1))
     }
 
-    /// Windows and vehicles that contributed to the metric at `index`.
+    /// What contributed to the metric at `index`.
     #[must_use]
-    pub(crate) fn counts(&self, index: usize) -> (u64, usize) {
-        let cells = self.rows().map(|row| row[index]);
-        cells.fold((0, 0), |(windows, vehicles), cell| {
-            (windows + u64::from(cell.windows), vehicles + usize::from(cell.windows > 0))
-        })
+    pub(crate) fn counts(&self, index: usize) -> Counts {
+        let there = || self.clusters.iter().zip(self.rows()).filter(|(_, row)| row[index].windows > 0);
+        let of = |draw| there().map(|(cluster, _)| cluster.of(draw)).collect::<BTreeSet<_>>().len();
+        Counts {
+            windows: there().map(|(_, row)| u64::from(row[index].windows)).sum(),
+            drivers: of(Draw::Drivers),
+            events: of(Draw::Events),
+        }
     }
 
     /// These and the sums of other windows as one; a vehicle with windows in both is one vehicle.
     #[must_use]
     pub(crate) fn merged(&self, other: &Self) -> Self {
-        let mut rows: BTreeMap<&VehicleId, Vec<Cell>> = BTreeMap::new();
-        for (vehicle, row) in [self, other].into_iter().flat_map(|sums| sums.vehicles.iter().zip(sums.rows())) {
-            let cells = rows.entry(vehicle).or_insert_with(|| vec![Cell::default(); row.len()]);
+        let mut rows: BTreeMap<VehicleId, Row> = BTreeMap::new();
+        for (vehicle, (cluster, row)) in [self, other].into_iter().flat_map(Self::whole_rows) {
+            let empty = || (cluster.clone(), vec![Cell::default(); row.len()]);
+            let (_, cells) = rows.entry(vehicle.clone()).or_insert_with(empty);
             for (cell, more) in cells.iter_mut().zip(row) {
                 cell.sum += more.sum;
                 cell.windows += more.windows;
             }
         }
-        let (vehicles, cells): (Vec<_>, Vec<_>) = rows.into_iter().map(|(vehicle, row)| (vehicle.clone(), row)).unzip();
-        Self { vehicles, cells: cells.concat(), width: self.width }
+        Self::of_rows(rows, self.width)
     }
 
     /// The sums of several sites as one.
     #[must_use]
     pub(crate) fn concatenated<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Self {
-        let mut rows: Vec<(VehicleId, Vec<Cell>)> = Vec::new();
+        let mut rows: BTreeMap<VehicleId, Row> = BTreeMap::new();
         let mut width = 0;
         for part in parts {
             width = part.width;
-            rows.extend(part.vehicles.iter().cloned().zip(part.rows().map(<[Cell]>::to_vec)));
+            let owned = |(vehicle, (cluster, row)): (&VehicleId, (&Cluster, &[Cell]))| {
+                (vehicle.clone(), (cluster.clone(), row.to_vec()))
+            };
+            rows.extend(part.whole_rows().map(owned));
         }
-        rows.sort_by(|a, b| a.0.cmp(&b.0));
-        let (vehicles, cells): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
-        Self { vehicles, cells: cells.concat(), width }
+        Self::of_rows(rows, width)
+    }
+
+    fn whole_rows(&self) -> impl Iterator<Item = (&VehicleId, (&Cluster, &[Cell]))> {
+        self.vehicles.iter().zip(self.clusters.iter().zip(self.rows()))
+    }
+
+    fn of_rows(rows: BTreeMap<VehicleId, Row>, width: usize) -> Self {
+        let mut sums = Self { vehicles: Vec::new(), clusters: Vec::new(), cells: Vec::new(), width };
+        for (vehicle, (cluster, row)) in rows {
+            sums.vehicles.push(vehicle);
+            sums.clusters.push(cluster);
+            sums.cells.extend(row);
+        }
+        sums
     }
 }
 
@@ -108,9 +140,20 @@ impl Members {
         self.0.len()
     }
 
-    /// Sums by seed.
-    pub(crate) fn each(&self) -> impl Iterator<Item = &MetricSums> {
-        self.0.iter()
+    /// What each cluster of a draw, in order, adds to the metric at each of `indices`: `[seeds][clusters][indices]`.
+    #[must_use]
+    pub(crate) fn pools(&self, draw: Draw, metrics: &[(usize, MetricKind)]) -> Vec<Vec<Vec<Pool>>> {
+        let of_seed = |sums: &MetricSums| {
+            let mut clusters: BTreeMap<&VehicleId, Vec<Pool>> = BTreeMap::new();
+            for (cluster, row) in sums.clusters.iter().zip(sums.rows()) {
+                let pools = clusters.entry(cluster.of(draw)).or_insert_with(|| vec![Pool::default(); metrics.len()]);
+                for (pool, (index, kind)) in pools.iter_mut().zip(metrics) {
+                    pool.add(&row[*index], *kind);
+                }
+            }
+            clusters.into_values().collect()
+        };
+        self.0.iter().map(of_seed).collect()
     }
 
     /// The vehicles, in order of recording and number.
@@ -124,10 +167,10 @@ impl Members {
         self.0.first().into_iter().flat_map(move |sums| sums.rows().map(move |row| row[index].windows))
     }
 
-    /// Windows and vehicles that contributed to the metric at `index`.
+    /// What contributed to the metric at `index`.
     #[must_use]
-    pub(crate) fn counts(&self, index: usize) -> (u64, usize) {
-        self.0.first().map_or((0, 0), |sums| sums.counts(index))
+    pub(crate) fn counts(&self, index: usize) -> Counts {
+        self.0.first().map_or_else(Counts::default, |sums| sums.counts(index))
     }
 
     /// The metric at `index` over all vehicles and seeds; `None` where no window contributed.
@@ -135,7 +178,7 @@ impl Members {
     pub(crate) fn value(&self, index: usize, kind: MetricKind) -> Option<f64> {
         let mut pool = Pool::default();
         for row in self.0.iter().flat_map(MetricSums::rows) {
-            pool.add(&row[index], 1., kind);
+            pool.add(&row[index], kind);
         }
         pool.value(kind)
     }
@@ -155,15 +198,21 @@ pub(crate) struct Pool {
 }
 
 impl Pool {
-    /// Adds one vehicle's cell `times` over.
-    pub(crate) fn add(&mut self, cell: &Cell, times: f64, kind: MetricKind) {
+    /// Adds one vehicle's cell.
+    fn add(&mut self, cell: &Cell, kind: MetricKind) {
         let windows = f64::from(cell.windows);
         if cell.windows == 0 {
             return;
         }
         let (sum, weight) = if kind.by_vehicle() { (cell.sum / windows, 1.) } else { (cell.sum, windows) };
-        self.sum += times * sum;
-        self.weight += times * weight;
+        self.sum += sum;
+        self.weight += weight;
+    }
+
+    /// Adds another `times` over.
+    pub(crate) fn add_times(&mut self, other: Self, times: f64) {
+        self.sum += times * other.sum;
+        self.weight += times * other.weight;
     }
 
     /// The metric's value; `None` where nothing was added.
@@ -175,7 +224,7 @@ impl Pool {
 /// Gathers [`MetricSums`] window by window, in the order of the windows.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Gatherer {
-    rows: BTreeMap<String, BTreeMap<u32, Vec<Cell>>>,
+    rows: BTreeMap<VehicleId, Row>,
     width: usize,
 }
 
@@ -186,12 +235,11 @@ impl Gatherer {
     }
 
     /// Adds one window's contributions, one a metric.
-    pub(crate) fn add(&mut self, recording: &str, vehicle: u32, contributions: &[Option<f64>]) {
-        if !self.rows.contains_key(recording) {
-            self.rows.insert(recording.to_owned(), BTreeMap::new());
+    pub(crate) fn add(&mut self, vehicle: &VehicleId, cluster: &Cluster, contributions: &[Option<f64>]) {
+        if !self.rows.contains_key(vehicle) {
+            self.rows.insert(vehicle.clone(), (cluster.clone(), vec![Cell::default(); self.width]));
         }
-        let Some(vehicles) = self.rows.get_mut(recording) else { return };
-        let row = vehicles.entry(vehicle).or_insert_with(|| vec![Cell::default(); self.width]);
+        let Some((_, row)) = self.rows.get_mut(vehicle) else { return };
         for (cell, contribution) in row.iter_mut().zip(contributions) {
             if let Some(value) = contribution {
                 cell.sum += value;
@@ -202,21 +250,37 @@ impl Gatherer {
 
     /// The sums.
     pub(crate) fn finish(self) -> MetricSums {
-        let width = self.width;
-        let (mut vehicles, mut cells) = (Vec::new(), Vec::new());
-        for (recording, rows) in self.rows {
-            for (vehicle, row) in rows {
-                vehicles.push(VehicleId { recording: recording.clone(), vehicle });
-                cells.extend(row);
-            }
-        }
-        MetricSums { vehicles, cells, width }
+        MetricSums::of_rows(self.rows, self.width)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl Gatherer {
+        /// A window of a vehicle that is a driver and an event of its own.
+        pub(crate) fn add_alone(&mut self, recording: &str, vehicle: u32, contributions: &[Option<f64>]) {
+            self.add_of(recording, vehicle, [(recording, vehicle); 2], contributions);
+        }
+
+        /// A window of a vehicle whose driver and event are named.
+        pub(crate) fn add_of(
+            &mut self,
+            recording: &str,
+            vehicle: u32,
+            cluster: [(&str, u32); 2],
+            contributions: &[Option<f64>],
+        ) {
+            let id = |(recording, vehicle): (&str, u32)| VehicleId { recording: recording.to_owned(), vehicle };
+            let [driver, event] = cluster.map(|name| std::sync::Arc::new(id(name)));
+            self.add(&id((recording, vehicle)), &Cluster::new(driver, event), contributions);
+        }
+    }
+
+    fn counts(windows: u64, drivers: usize, events: usize) -> Counts {
+        Counts { windows, drivers, events }
+    }
 
     impl MetricSums {
         fn value(&self, index: usize, kind: MetricKind) -> Option<f64> {
@@ -226,9 +290,9 @@ mod tests {
 
     fn two_vehicles() -> MetricSums {
         let mut gatherer = Gatherer::new(2);
-        gatherer.add("b", 7, &[Some(1.), None]);
-        gatherer.add("a", 9, &[Some(4.), Some(3.)]);
-        gatherer.add("b", 7, &[Some(3.), None]);
+        gatherer.add_alone("b", 7, &[Some(1.), None]);
+        gatherer.add_alone("a", 9, &[Some(4.), Some(3.)]);
+        gatherer.add_alone("b", 7, &[Some(3.), None]);
         gatherer.finish()
     }
 
@@ -239,16 +303,16 @@ mod tests {
         assert!((sums.value(0, MetricKind::RmseAt).unwrap() - (8f64 / 3.).sqrt()).abs() < 1e-12);
         assert!((sums.value(0, MetricKind::RmseAtByVehicle).unwrap() - 3f64.sqrt()).abs() < 1e-12);
         assert!((sums.value(0, MetricKind::MinFde).unwrap() - 8. / 3.).abs() < 1e-12);
-        assert_eq!(sums.counts(0), (3, 2));
+        assert_eq!(sums.counts(0), counts(3, 2, 2));
     }
 
     #[test]
     fn a_metric_that_does_not_apply_is_counted_out() {
         let sums = two_vehicles();
-        assert_eq!(sums.counts(1), (1, 1));
+        assert_eq!(sums.counts(1), counts(1, 1, 1));
         assert_eq!(sums.value(1, MetricKind::OffRoad), Some(3.));
         let mut none = Gatherer::new(1);
-        none.add("a", 1, &[None]);
+        none.add_alone("a", 1, &[None]);
         assert_eq!(none.finish().value(0, MetricKind::OffRoad), None);
     }
 
@@ -257,16 +321,16 @@ mod tests {
     fn seeds_are_averaged_window_by_window() {
         let of = |values: [f64; 2]| {
             let mut gatherer = Gatherer::new(1);
-            gatherer.add("a", 1, &[Some(values[0])]);
-            gatherer.add("a", 2, &[Some(values[1])]);
+            gatherer.add_alone("a", 1, &[Some(values[0])]);
+            gatherer.add_alone("a", 2, &[Some(values[1])]);
             Members::one(gatherer.finish())
         };
         let both = of([1., 4.]).with(of([9., 2.])).unwrap();
-        assert_eq!((both.seeds(), both.counts(0)), (2, (2, 2)));
+        assert_eq!((both.seeds(), both.counts(0)), (2, counts(2, 2, 2)));
         assert!((both.value(0, MetricKind::RmseAt).unwrap() - 2.).abs() < 1e-12, "squared errors 5 and 3");
         assert_eq!(both.clone().with(Members::one(two_vehicles())), None, "other vehicles");
         let folds = both.merged(&both);
-        assert_eq!((folds.seeds(), folds.counts(0)), (2, (4, 2)));
+        assert_eq!((folds.seeds(), folds.counts(0)), (2, counts(4, 2, 2)));
         assert_eq!(folds.value(0, MetricKind::RmseAt), both.value(0, MetricKind::RmseAt));
     }
 
@@ -276,10 +340,32 @@ mod tests {
         let one = two_vehicles();
         assert_eq!(one.vehicles(), [id("a", 9), id("b", 7)]);
         let mut other = Gatherer::new(2);
-        other.add("aa", 1, &[Some(2.), Some(2.)]);
+        other.add_alone("aa", 1, &[Some(2.), Some(2.)]);
         let all = MetricSums::concatenated([&one, &other.finish()]);
         assert_eq!(all.vehicles(), [id("a", 9), id("aa", 1), id("b", 7)]);
-        assert_eq!(all.counts(0), (4, 3));
+        assert_eq!(all.counts(0), counts(4, 3, 3));
         assert_eq!(all.value(0, MetricKind::Ade), Some(2.5));
+    }
+
+    /// Forty windows of one driver, in two recordings and under two numbers, are one driver; the two recordings are two
+    /// events.
+    #[test]
+    fn a_driver_of_two_recordings_is_one() {
+        let driver = ("a", 1);
+        let mut gatherer = Gatherer::new(1);
+        for _ in 0..20 {
+            gatherer.add_of("a", 1, [driver, ("a", 1)], &[Some(1.)]);
+            gatherer.add_of("b", 8, [driver, ("b", 2)], &[Some(3.)]);
+        }
+        let sums = Members::one(gatherer.finish());
+        assert_eq!(sums.counts(0), counts(40, 1, 2));
+        let pooled = |draw| {
+            sums.pools(draw, &[(0, MetricKind::Ade)])[0]
+                .iter()
+                .map(|it| it[0].value(MetricKind::Ade))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(pooled(Draw::Drivers), [Some(2.)]);
+        assert_eq!(pooled(Draw::Events), [Some(1.), Some(3.)]);
     }
 }

@@ -43,29 +43,39 @@ pub struct Table {
 pub struct TableCell {
     /// The value, or the model's name; a dash where there is none.
     pub text: String,
-    /// Interval of the value.
+    /// Interval of the value by driver.
     pub interval: Option<Interval>,
+    /// Interval of the value by event, set in square brackets.
+    pub by_event: Option<Interval>,
 }
 
 impl TableCell {
     /// A name, or a number without interval.
     pub(crate) fn plain(text: impl Into<String>) -> Self {
-        Self { text: text.into(), interval: None }
+        Self { text: text.into(), interval: None, by_event: None }
     }
 
-    /// On one line: the value, and its interval in brackets.
+    /// On one line: the value, and its intervals in brackets.
     pub(crate) fn with_interval(&self) -> String {
-        match self.interval_text() {
-            Some(interval) => format!("{} ({interval})", self.text),
-            None => self.text.clone(),
-        }
+        let inner = self.interval.map(|interval| format!(" ({})", ends(interval)));
+        let outer = self.by_event.map(|interval| format!(" [{}]", ends(interval)));
+        format!("{}{}{}", self.text, inner.unwrap_or_default(), outer.unwrap_or_default())
     }
 
-    /// The interval as `low to high`.
+    /// The intervals as `low to high`, and the wider one as `by event low to high` after it.
     #[must_use]
     pub fn interval_text(&self) -> Option<String> {
-        self.interval.map(|interval| format!("{:.2} to {:.2}", interval.low, interval.high))
+        let inner = self.interval.map(ends);
+        let outer = self.by_event.map(|interval| format!("by event {}", ends(interval)));
+        match (inner, outer) {
+            (Some(inner), Some(outer)) => Some(format!("{inner}, {outer}")),
+            (inner, outer) => inner.or(outer),
+        }
     }
+}
+
+fn ends(interval: Interval) -> String {
+    format!("{:.2} to {:.2}", interval.low, interval.high)
 }
 
 impl Table {
@@ -78,9 +88,10 @@ impl Table {
         // Titles break after the quantity: `RMSE` above `5 s`.
         table.set_header(self.header.iter().map(|title| title.replacen(' ', "\n", 1)));
         for row in &self.rows {
-            table.add_row(row.iter().map(|cell| match cell.interval_text() {
-                Some(interval) => format!("{}\n{interval}", cell.text),
-                None => cell.text.clone(),
+            table.add_row(row.iter().map(|cell| {
+                let inner = cell.interval.map(|interval| format!("\n{}", ends(interval)));
+                let outer = cell.by_event.map(|interval| format!("\n[{}]", ends(interval)));
+                format!("{}{}{}", cell.text, inner.unwrap_or_default(), outer.unwrap_or_default())
             }));
         }
         let widths = table.column_max_content_widths();
@@ -124,17 +135,20 @@ impl Table {
 }
 
 /// All tables as one CSV text (RFC 4180): one line a cell, with the columns `table`, `row`, `column`,
-/// `value`, `low` and `high`, the last two empty where a value has no interval.
+/// `value`, `low`, `high`, `event_low` and `event_high`: the ends of the intervals by driver and by event, empty where
+/// a value has none.
 #[must_use]
 pub fn csv(tables: &[Table]) -> String {
-    let mut text = String::from("table,row,column,value,low,high\n");
+    let mut text = String::from("table,row,column,value,low,high,event_low,event_high\n");
     for table in tables {
         for row in &table.rows {
             let Some((name, cells)) = row.split_first() else { continue };
             for (title, cell) in table.header.iter().skip(1).zip(cells) {
-                let ends = cell.interval.map(|interval| [interval.low, interval.high].map(|end| format!("{end:.4}")));
-                let [low, high] = ends.unwrap_or_default();
-                let fields = [&table.name, &name.text, title, &cell.text, &low, &high];
+                let [[low, high], [event_low, event_high]] = [cell.interval, cell.by_event].map(|interval| {
+                    let ends = interval.map(|it| [it.low, it.high].map(|end| format!("{end:.4}")));
+                    ends.unwrap_or_default()
+                });
+                let fields = [&table.name, &name.text, title, &cell.text, &low, &high, &event_low, &event_high];
                 text += &fields.map(|field| quoted(field)).join(",");
                 text += "\n";
             }

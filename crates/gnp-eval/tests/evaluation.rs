@@ -66,6 +66,8 @@ fn golden_values_by_site() {
         ("us-101", Metric::top_1(M::RmseAtByVehicle, 2.), 12.5f64.sqrt()),
         ("us-101", Metric::top_1(M::LongitudinalRmseAt, 2.), 12.5f64.sqrt()),
         ("us-101", Metric::top_1(M::LateralRmseAt, 2.), 0.),
+        ("us-101", Metric::top_1(M::LongitudinalBiasAt, 2.), 2.5),
+        ("us-101", Metric::of_all(M::LikeliestRmseAt, 2.), 12.5f64.sqrt()),
         ("us-101", Metric::top_1(M::Ade, 2.), 1.25),
         ("us-101", Metric::top_1(M::Fde, 2.), 2.5),
         ("us-101", Metric::top_1(M::RmseTo, 2.), (36.5f64 / 8.).sqrt()),
@@ -242,8 +244,9 @@ fn every_model_is_compared_with_one() {
     let config = config(&[Protocol::Clean, Protocol::Literature]);
     let evaluation = evaluate(&set, set.ids(), &models, &config, &mut |_| Ok(())).unwrap();
     let rows = evaluation.comparisons("near", &config.bootstrap).unwrap();
-    // Three places, two other models, five headline metrics under one protocol and one under the other.
-    assert_eq!(rows.len(), 3 * 2 * (5 + 1));
+    // Three places, two other models, six headline metrics under one protocol (no densities) and one under
+    // the other.
+    assert_eq!(rows.len(), 3 * 2 * (6 + 1));
     let at = |b: &str, site: &str| {
         rows.iter().find(|row| row.b == b && row.site == site && row.protocol == Protocol::Literature).unwrap()
     };

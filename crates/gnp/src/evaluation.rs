@@ -13,9 +13,9 @@ use std::path::Path;
 use gnp_baselines::{RULES, Rule};
 use gnp_data::{Predictor as _, Split, SplitConfig, Subset, Window, WindowId, WindowSet};
 use gnp_eval::{
-    Bootstrap, Comparison, EvalConfig, EvalError, EvaluatedModel, Evaluation, PredictionWriter, Provenance, Score,
-    Summary, SummaryModels, Table, TableHead, comparison_tables, csv, load_comparisons, load_scores, save_comparisons,
-    save_scores, tables,
+    Batch, Bootstrap, Comparison, EvalConfig, EvalError, EvaluatedModel, Evaluation, PredictionWriter, Protocol,
+    Provenance, Score, Spreads, Summary, SummaryModels, Table, TableHead, comparison_tables, csv, load_comparisons,
+    load_scores, save_comparisons, save_scores, tables,
 };
 
 use self::faithfulness::{Faithfulness, Measured};
@@ -36,10 +36,23 @@ pub(crate) struct Material<'a> {
     pub(crate) set: &'a WindowSet<'a>,
     /// Those that are scored.
     pub(crate) ids: &'a [WindowId],
+    /// Others, perhaps of other recordings, that say how wide the forecasts of a system are; without them no densities
+    /// are scored.
+    pub(crate) fitting: Option<(&'a WindowSet<'a>, &'a [WindowId])>,
     /// How the windows were parted.
     pub(crate) split: String,
     /// The recordings.
     pub(crate) data: &'a DataState,
+}
+
+/// The windows of a split to which densities are fitted: the validation part, unless that is scored itself.
+pub(crate) fn fitting<'a>(
+    set: &'a WindowSet<'a>,
+    split: &'a Split,
+    scored: Subset,
+) -> Option<(&'a WindowSet<'a>, &'a [WindowId])> {
+    let there = scored != Subset::Validation && !split.validation().is_empty();
+    there.then(|| (set, split.validation()))
 }
 
 /// What systems got on the same windows.
@@ -125,7 +138,7 @@ impl Scores {
 }
 
 /// Scores systems on the same windows: those that are handed recorded futures only under the protocols that
-/// allow it.
+/// allow it. The densities of the others are fitted first, where there are windows for that.
 ///
 /// # Errors
 /// When a system fails; [`Error::Stopped`].
@@ -135,28 +148,51 @@ pub(crate) fn evaluate(
     config: &EvalConfig,
     machine: &Machine,
 ) -> Result<Evaluation> {
-    let of_kind = |uses_future: bool| -> Vec<EvaluatedModel<'_>> {
-        systems.iter().filter(|system| system.uses_future() == uses_future).map(System::model).collect()
-    };
     let run = |models: &[EvaluatedModel<'_>], config: &EvalConfig| -> Result<Evaluation> {
-        let mut work = None;
-        let evaluation = gnp_eval::evaluate(material.set, material.ids, models, config, &mut |batch| {
-            let work = work.get_or_insert_with(|| machine.work("evaluate", batch.total, "forecasts"));
-            work.at(batch.done as u64, batch.model);
-            if machine.stop.is_requested() { Err(EvalError::Stopped) } else { Ok(()) }
-        });
-        match evaluation {
-            Err(EvalError::Stopped) => Err(Error::Stopped { kept: None }),
-            other => Ok(other?),
-        }
+        let watch = &mut watching("evaluate", machine);
+        stoppable(gnp_eval::evaluate(material.set, material.ids, models, config, watch))
     };
-    let evaluation = run(&of_kind(false), config)?;
+    let (oracles, blind): (Vec<&System>, Vec<&System>) = systems.iter().partition(|system| system.uses_future());
+    let mut spreads = Vec::new();
+    for system in &blind {
+        spreads.push(fitted(material, system, config, machine)?);
+    }
+    let models: Vec<_> = blind.iter().zip(&spreads).map(|(system, spreads)| system.model(spreads.as_ref())).collect();
+    let evaluation = run(&models, config)?;
     let allowing: Vec<_> = config.protocols.iter().copied().filter(|protocol| protocol.allows_future()).collect();
-    let oracles = of_kind(true);
     if oracles.is_empty() || allowing.is_empty() {
         return Ok(evaluation);
     }
+    let oracles: Vec<_> = oracles.iter().map(|system| system.model(None)).collect();
     Ok(evaluation.joined(run(&oracles, &EvalConfig { protocols: allowing, ..config.clone() })?)?)
+}
+
+/// How wide the forecasts of a system are; `None` where no density is asked for, or there are no windows to see it by.
+fn fitted(material: &Material<'_>, system: &System, config: &EvalConfig, machine: &Machine) -> Result<Option<Spreads>> {
+    let Some((set, ids)) = material.fitting.filter(|_| config.protocols.contains(&Protocol::Clean)) else {
+        return Ok(None);
+    };
+    stoppable(Spreads::fit(set, ids, system, config.batch, &mut watching("densities", machine))).map(Some)
+}
+
+/// Shows how far an evaluation is, and ends it when it is to stop.
+fn watching<'m>(
+    label: &'static str,
+    machine: &'m Machine,
+) -> impl FnMut(&Batch<'_>) -> std::result::Result<(), EvalError> + 'm {
+    let mut work = None;
+    move |batch| {
+        let work = work.get_or_insert_with(|| machine.work(label, batch.total, "forecasts"));
+        work.at(batch.done as u64, batch.model);
+        if machine.stop.is_requested() { Err(EvalError::Stopped) } else { Ok(()) }
+    }
+}
+
+fn stoppable<T>(result: std::result::Result<T, EvalError>) -> Result<T> {
+    match result {
+        Err(EvalError::Stopped) => Err(Error::Stopped { kept: None }),
+        other => Ok(other?),
+    }
 }
 
 /// Scores a run on the windows of its split that its configuration names.
@@ -166,8 +202,9 @@ pub(crate) fn evaluate(
 pub(crate) fn own(run: &Run) -> Result<()> {
     let set = run.windows()?;
     let split = run.split(&set)?;
-    let (ids, data) = (split.subset(run.config.evaluate.subset), &run.folder.state.data);
-    let material = Material { set: &set, ids, split: split_description(run, &split), data };
+    let (scored, data) = (run.config.evaluate.subset, &run.folder.state.data);
+    let (ids, fitting) = (split.subset(scored), fitting(&set, &split, scored));
+    let material = Material { set: &set, ids, fitting, split: split_description(run, &split), data };
     of_run(run, &material, run.path()).map(|_| ())
 }
 
@@ -226,7 +263,7 @@ fn heading(material: &Material<'_>, config: &RunConfig) -> String {
     let RunConfig { seed, predict, evaluate, .. } = config;
     format!(
         "# Scores\n\nOn {}. Seed {seed}; neighbours in the future: `{}`. Lengths in m. Intervals: middle 95 % of {} \
-         draws of vehicles with replacement. Top-1 and best of k are different quantities.\n",
+         draws of drivers, and in square brackets of events, with replacement. Top-1 and best of k are different quantities.\n",
         material.data.description,
         predict.neighbours.name(),
         evaluate.bootstrap.resamples

@@ -208,8 +208,11 @@ mod tests {
             value: 5.5,
             ci_low: Some(5.25),
             ci_high: Some(5.75),
+            event_ci_low: None,
+            event_ci_high: None,
             windows: 12,
             vehicles: 3,
+            events: 1,
             simulated: true,
             uses_future: false,
         }

@@ -269,8 +269,13 @@ impl<'a> Table<'a> {
         let systems = systems(&fold)?;
         let config = &run.config.evaluate;
         let words = format!("{}{}", kinds(split.kinds()), remarks(&split, config.subset));
-        let material =
-            Material { set: &set, ids: split.subset(config.subset), split: words, data: &run.folder.state.data };
+        let material = Material {
+            set: &set,
+            ids: split.subset(config.subset),
+            fitting: evaluation::fitting(&set, &split, config.subset),
+            split: words,
+            data: &run.folder.state.data,
+        };
         let mut evaluation = evaluation::evaluate(&material, &systems, config, self.machine)?;
         for further in 1..self.seeds {
             evaluation = evaluation.with_seed(self.of_seed(&fold, further, &material)?)?;

@@ -79,7 +79,7 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
         assert!(rmse["value"].as_f64().unwrap() > 0.);
     }
     let markdown = fs::read_to_string(first.join("metrics.md")).unwrap();
-    for part in ["protocol clean", "split by vehicle", "10 Hz", "windows", "vehicles"] {
+    for part in ["protocol clean", "split by vehicle", "10 Hz", "windows", "drivers"] {
         assert!(markdown.contains(part), "no `{part}` in:\n{markdown}");
     }
 

@@ -195,7 +195,7 @@ fn seeds_are_trained_apart_and_scored_as_one_row() {
     });
     assert!((mean - (score(&one, "gnp").0 + other.unwrap().value) / 2.).abs() < 1e-9);
     let markdown = fs::read_to_string(place.join("table1.md")).unwrap();
-    for part in ["gnp (2 seeds)", "trained with 2 (0 to 1)", "by vehicle and seed", "vehicles and seeds resampled"] {
+    for part in ["gnp (2 seeds)", "trained with 2 (0 to 1)", "by driver and seed", "drivers and seeds"] {
         assert!(markdown.contains(part), "no `{part}` in:\n{markdown}");
     }
 }

@@ -16,12 +16,12 @@ const SIZE_TOLERANCE: f32 = 1e-3;
 /// recordings together.
 const LEAST_SHARE: f64 = 0.2;
 /// Least fraction of the numbers in both that must stand for one size.
-const LEAST_AGREEMENT: f64 = 0.9;
+pub(super) const LEAST_AGREEMENT: f64 = 0.9;
 /// Largest probability that sizes at random agree as often.
-const CHANCE: f64 = 1e-4;
+pub(super) const CHANCE: f64 = 1e-4;
 
 /// Length and width of each vehicle, m.
-type Sizes = BTreeMap<u32, [f32; 2]>;
+pub(super) type Sizes = BTreeMap<u32, [f32; 2]>;
 
 /// Pairs of recordings that show the same drivers.
 pub(super) fn same_drivers(recordings: &[Recording]) -> Vec<Overlap> {
@@ -39,27 +39,48 @@ pub(super) fn same_drivers(recordings: &[Recording]) -> Vec<Overlap> {
     found
 }
 
-fn sizes(recording: &Recording) -> Sizes {
+pub(super) fn sizes(recording: &Recording) -> Sizes {
     recording.tracks().iter().map(|track| (track.vehicle, [track.length, track.width])).collect()
 }
 
-fn alike(a: &[f32; 2], b: &[f32; 2]) -> bool {
+pub(super) fn alike(a: &[f32; 2], b: &[f32; 2]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= SIZE_TOLERANCE)
 }
 
 /// Vehicles of the same number and size, if they are the same drivers.
 fn in_common(a: &Sizes, b: &Sizes) -> Option<usize> {
-    let both: Vec<bool> = a.iter().filter_map(|(vehicle, size)| Some(alike(size, b.get(vehicle)?))).collect();
-    let same = both.iter().filter(|alike| **alike).count();
+    let agreement = agreement(a, b)?;
+    let Agreement { same, both } = agreement;
     let smaller = a.len().min(b.len()) as f64;
     let enough = same >= VEHICLES && same as f64 >= LEAST_SHARE * smaller;
-    if !enough || (same as f64) < LEAST_AGREEMENT * both.len() as f64 {
+    if !enough || (same as f64) < LEAST_AGREEMENT * both as f64 {
         return None;
     }
-    // A vehicle of the one and any vehicle of the other.
-    let equal: usize = a.values().map(|size| b.values().filter(|other| alike(size, other)).count()).sum();
-    let by_chance = equal as f64 / (a.len() * b.len()) as f64;
-    (at_least(same, both.len(), by_chance) <= CHANCE).then_some(same)
+    (agreement.by_chance(a, b) <= CHANCE).then_some(same)
+}
+
+/// Numbers that two recordings share.
+pub(super) struct Agreement {
+    /// Numbers in both.
+    pub(super) both: usize,
+    /// Those that stand for one size.
+    pub(super) same: usize,
+}
+
+/// `None` without a number in both.
+pub(super) fn agreement(a: &Sizes, b: &Sizes) -> Option<Agreement> {
+    let both = a.iter().filter_map(|(vehicle, size)| Some(alike(size, b.get(vehicle)?)));
+    let (both, same) = both.fold((0, 0), |(both, same), alike| (both + 1, same + usize::from(alike)));
+    (both > 0).then_some(Agreement { both, same })
+}
+
+impl Agreement {
+    /// Probability that as many numbers stand for one size if sizes are drawn at random.
+    pub(super) fn by_chance(&self, a: &Sizes, b: &Sizes) -> f64 {
+        // A vehicle of the one and any vehicle of the other.
+        let equal: usize = a.values().map(|size| b.values().filter(|other| alike(size, other)).count()).sum();
+        at_least(self.same, self.both, equal as f64 / (a.len() * b.len()) as f64)
+    }
 }
 
 /// Probability that of `of` draws, each a success with `probability`, at least `successes` are.

@@ -24,6 +24,18 @@ pub(super) fn squared_along(case: &ScoredWindow<'_>, axis: usize, frames: usize)
     (f64::from(p[axis]) - f64::from(q[axis])).powi(2)
 }
 
+/// How far the first mode, the prediction, is ahead of the record along the road in the last of `frames` frames, m.
+pub(super) fn ahead(case: &ScoredWindow<'_>, frames: usize) -> f64 {
+    f64::from(case.modes()[0].path[frames - 1][0]) - f64::from(case.reference().path()[frames - 1][0])
+}
+
+/// Squared error of the mode with the largest probability, of equal ones the first, in the last of `frames` frames, m².
+pub(super) fn squared_of_likeliest(case: &ScoredWindow<'_>, frames: usize) -> f64 {
+    let modes = case.modes();
+    let likeliest = (0..modes.len()).rev().max_by(|a, b| modes[*a].probability.total_cmp(&modes[*b].probability));
+    case.squared(likeliest.unwrap_or(0), frames)[frames - 1]
+}
+
 /// Squared error of the mean of all modes, weighted by probability, in the last of `frames`
 /// frames, m².
 pub(super) fn squared_of_mean(case: &ScoredWindow<'_>, frames: usize) -> f64 {

@@ -56,6 +56,10 @@ fn golden_values() {
         (Metric::top_1(M::LateralRmseAt, 2.), 4.),
         (Metric::top_1(M::LongitudinalRmseAt, 2.), 3.),
         (Metric::top_1(M::LongitudinalRmseAt, 1.), 0.),
+        (Metric::top_1(M::LongitudinalBiasAt, 2.), 3.),
+        (Metric::top_1(M::LongitudinalBiasAt, 1.), 0.),
+        // The first is the likeliest, too.
+        (Metric::of_all(M::LikeliestRmseAt, 2.), 5.),
         // Mean at the end: x = .5*7 - .3*2 + .2*4 = 3.7, y = .5*4 - .2*2 = 1.6; truth (4, 0).
         (Metric::of_all(M::MixtureMeanRmseAt, 2.), (0.3f64.powi(2) + 1.6f64.powi(2)).sqrt()),
         (Metric::best_of(M::MinAde, 2, 2.), 1.5),
@@ -79,6 +83,29 @@ fn golden_values() {
         let found = value(metric, &reference, &forecast);
         assert!((found - expected).abs() < 1e-6, "{metric}: {found}, not {expected}");
     }
+}
+
+/// A prediction that stays behind has a bias below zero.
+#[test]
+fn a_lag_is_negative() {
+    let (reference, _) = golden();
+    let behind = forecast(&[(1., &[[0.5, 0.], [1., 0.], [1.5, 0.], [2., 3.]])]);
+    assert_eq!(value(Metric::top_1(MetricKind::LongitudinalBiasAt, 2.), &reference, &behind), -2.);
+}
+
+/// The first mode is the prediction and need not be likeliest; of equally likely ones the first counts.
+#[test]
+fn the_likeliest_is_sought_among_all() {
+    let (reference, _) = golden();
+    let ends = |x: f32| [[1., 0.], [2., 0.], [3., 0.], [x, 0.]];
+    let of = |shares: [f32; 3]| {
+        let paths = [ends(5.), ends(6.), ends(7.)];
+        let modes: Vec<(f32, &[[f32; 2]])> = shares.into_iter().zip(paths.iter().map(|path| &path[..])).collect();
+        value(Metric::of_all(MetricKind::LikeliestRmseAt, 2.), &reference, &forecast(&modes))
+    };
+    assert_eq!(of([0.2, 0.5, 0.3]), 2.);
+    assert_eq!(of([0.4, 0.4, 0.2]), 1.);
+    assert_eq!(of([0.2, 0.4, 0.4]), 2.);
 }
 
 #[test]

@@ -27,8 +27,11 @@ fn score(site: &str, model: &str, metric: &str, k: usize, horizon_s: f64, value:
         value,
         ci_low: Some(value - 0.25),
         ci_high: Some(value + 0.35),
+        event_ci_low: None,
+        event_ci_high: None,
         windows: 1234,
         vehicles: 56,
+        events: 9,
         simulated: false,
         uses_future: false,
     }
@@ -70,10 +73,13 @@ fn comparison(site: &str, b: &str, verdict: Verdict) -> Comparison {
         value: -0.4,
         ci_low: Some(-0.8),
         ci_high: Some(0.1),
+        event_ci_low: None,
+        event_ci_high: None,
         share_better: 0.9,
         verdict,
         windows: 1234,
         vehicles: 56,
+        events: 9,
         simulated: false,
         uses_future: false,
     }
@@ -139,7 +145,7 @@ fn a_terminal_of_eighty_columns_holds_it() {
         let text = Summary::of(&all, &[], &models).unwrap().terminal();
         let widest = text.lines().map(|line| line.chars().count()).max().unwrap();
         assert!(widest <= 80, "{widest} columns:\n{text}");
-        assert!(text.lines().any(|line| line.starts_with("us-101 (1234 windows of 56 vehicles)")), "{text}");
+        assert!(text.lines().any(|line| line.starts_with("us-101 (1234 windows of 56 drivers)")), "{text}");
     }
     let text = Summary::of(&scores("us-101", &US_101), &[], &MODELS).unwrap().terminal();
     assert!(text.contains("  best rule: IDM along the lane  5.90 (5.65 to 6.25)     2.95 (2.70 to 3.30)\n"), "{text}");

@@ -12,13 +12,24 @@ use crate::table::{Table, TableCell, TableHead};
 struct Column {
     title: String,
     metrics: Vec<Metric>,
-    interval: bool,
+    shown: Shown,
+}
+
+/// What stands beside the value of a column.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    /// Nothing.
+    Value,
+    /// The interval by driver.
+    Interval,
+    /// The intervals by driver and by event.
+    Both,
 }
 
 /// Tables of scores: one for each dataset, protocol and site among them, in the order in which they
 /// first appear; rows in the order of the models. All sites together come last, and only where there
-/// are several. Under `clean` a second table of each site has further metrics, a third, where there are
-/// any, its lane changes, and one table of all sites has a row for each model and [`Manoeuvre`].
+/// are several. Under `clean` a second table of each site is of several futures and of densities; details
+/// are further metrics, densities by second and, where there are any, lane changes; and one table of all sites has a row for each model and [`Manoeuvre`].
 #[must_use]
 pub fn tables(scores: &[Score], head: &TableHead) -> Vec<Table> {
     let mut tables = Vec::new();
@@ -29,9 +40,13 @@ pub fn tables(scores: &[Score], head: &TableHead) -> Vec<Table> {
             let of_site: Vec<&Score> = whole().filter(|score| score.site == site).collect();
             let last = horizons(&of_site).last().copied().unwrap_or_default();
             let part = Section { site, protocol: kind.1, scores: &of_site, head };
-            tables.push(part.table(false, columns(kind.1, &of_site)));
+            tables.push(part.table("", false, columns(kind.1, &of_site)));
             if kind.1 == Protocol::Clean {
-                tables.push(part.table(true, further(last)));
+                tables.push(part.table(" futures", false, futures(last, part.has_densities())));
+                tables.push(part.table(" further", true, further(last)));
+                if part.has_densities() {
+                    tables.push(part.table(" densities", true, densities(&horizons(&of_site))));
+                }
                 tables.extend(part.lane_changes(last));
             }
         }
@@ -67,7 +82,13 @@ pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Ta
             std::iter::once(TableCell::plain(named(other, uses_future, seeds))).chain(cells).collect()
         };
         let others = distinct(of_kind.iter().map(|row| (row.b.as_str(), (row.uses_future, row.seeds[1]))));
-        let drawn = if of_kind.iter().any(|row| row.seeds != [1; 2]) { "vehicles and seeds" } else { "vehicles" };
+        let seeds = if of_kind.iter().any(|row| row.seeds != [1; 2]) { " and seeds" } else { "" };
+        let events = of_kind.iter().any(|row| row.event_ci_low.is_some());
+        let drawn = match events {
+            true => format!("drivers{seeds}, and in square brackets events{seeds}, resampled for both together) leave"),
+            false => format!("drivers{seeds} resampled for both together) leaves"),
+        };
+        let interval = if events { "where both intervals" } else { "where the interval" };
         let simulated = if of_kind.iter().any(|row| row.simulated) { ", *simulated*" } else { "" };
         let place = site_name(site);
         tables.push(Table {
@@ -75,8 +96,8 @@ pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Ta
             detail: true,
             caption: format!(
                 "{place}{simulated}: protocol {}, {model} minus the model of the row on the same windows, split by {}, \
-                 {} Hz. Below zero {model} is better; + and - mark where the interval (95 %, {drawn} resampled for \
-                 both together) leaves out zero: + for {model}, - against it.",
+                 {} Hz. Below zero {model} is better; + and - mark {interval} (95 %, {drawn} out zero: + for {model}, - \
+                 against it.",
                 protocol.name(),
                 head.split,
                 head.rate_hz
@@ -94,7 +115,11 @@ fn difference_cell(row: &Comparison) -> TableCell {
         Verdict::Worse => " -",
         Verdict::Open => "",
     };
-    TableCell { text: format!("{:.2}{mark}", row.value), interval: interval(row.ci_low, row.ci_high) }
+    TableCell {
+        text: format!("{:.2}{mark}", row.value),
+        interval: interval(row.ci_low, row.ci_high),
+        by_event: interval(row.event_ci_low, row.event_ci_high),
+    }
 }
 
 fn interval(low: Option<f64>, high: Option<f64>) -> Option<Interval> {
@@ -155,19 +180,31 @@ struct Section<'a> {
 }
 
 impl Section<'_> {
-    fn table(&self, detail: bool, columns: Vec<Column>) -> Table {
+    fn table(&self, part: &str, detail: bool, columns: Vec<Column>) -> Table {
         let site = site_name(self.site);
         let mut caption = caption(site, self.protocol, self.scores, self.head);
-        if detail {
+        let shows = |kinds: &[MetricKind]| {
+            columns.iter().flat_map(|column| &column.metrics).any(|metric| kinds.contains(&metric.kind))
+        };
+        if shows(&[MetricKind::Overlap]) {
             caption += &overlap_floor(self.scores);
         }
+        if shows(&[MetricKind::NllAt, MetricKind::NllTo]) {
+            caption += " NLL: nats, density per m², of modes as Gaussians whose spreads are fitted to other windows; \
+                        within 50 and 90 %: share of windows in the central interval along the road.";
+        }
         Table {
-            name: format!("{} {site}{}", self.protocol.name(), if detail { " further" } else { "" }),
+            name: format!("{} {site}{part}", self.protocol.name()),
             detail,
             caption,
             header: std::iter::once("model".to_owned()).chain(columns.iter().map(|c| c.title.clone())).collect(),
             rows: self.rows(&columns),
         }
+    }
+
+    /// Whether any model has densities.
+    fn has_densities(&self) -> bool {
+        self.scores.iter().any(|score| score.metric == MetricKind::NllTo.name())
     }
 
     /// One row a model.
@@ -190,10 +227,10 @@ impl Section<'_> {
         let counted = |kind: MetricKind| self.scores.iter().find(|score| score.metric == kind.name());
         let there = kinds.iter().filter_map(|(kind, title, words)| Some((*kind, title, words, counted(*kind)?)));
         let (mut columns, mut counts) = (Vec::new(), Vec::new());
-        for (kind, title, words, Score { windows, vehicles, .. }) in there {
-            let of = |k| single(format!("{title}, k = {k}"), Metric::best_of(kind, k, last), true);
+        for (kind, title, words, Score { windows, vehicles: drivers, .. }) in there {
+            let of = |k| single(format!("{title}, k = {k}"), Metric::best_of(kind, k, last), Shown::Interval);
             columns.extend([1, 6].map(of));
-            counts.push(format!("{words}: {windows} windows, {vehicles} vehicles"));
+            counts.push(format!("{words}: {windows} windows, {drivers} drivers"));
         }
         let site = site_name(self.site);
         let simulated = if self.scores.iter().any(|score| score.simulated) { ", *simulated*" } else { "" };
@@ -202,7 +239,7 @@ impl Section<'_> {
             detail: true,
             caption: format!(
                 "{site}{simulated}: protocol {}, share of recorded lane changes for which one of k futures ends in the \
-                 new lane, by the lines. Lane changes {}. Split by {}; intervals of 95 % by vehicle.",
+                 new lane, by the lines. Lane changes {}. Split by {}; intervals of 95 % by driver.",
                 self.protocol.name(),
                 counts.join("; "),
                 self.head.split
@@ -226,12 +263,12 @@ fn by_manoeuvre(protocol: Protocol, scores: &[&Score], head: &TableHead) -> Tabl
     use MetricKind as M;
     let last = horizons(scores).last().copied().unwrap_or_default();
     let columns = [
-        single(format!("RMSE {last} s"), Metric::top_1(M::RmseAt, last), true),
-        single("lateral RMSE", Metric::top_1(M::LateralRmseAt, last), false),
-        single("longitudinal RMSE", Metric::top_1(M::LongitudinalRmseAt, last), false),
-        single("minADE_6", Metric::best_of(M::MinAde, 6, last), false),
-        single("minFDE_6", Metric::best_of(M::MinFde, 6, last), true),
-        single("miss rate_6", Metric::best_of(M::MissRate, 6, last), false),
+        single(format!("RMSE {last} s"), Metric::top_1(M::RmseAt, last), Shown::Interval),
+        single("lateral RMSE", Metric::top_1(M::LateralRmseAt, last), Shown::Value),
+        single("longitudinal RMSE", Metric::top_1(M::LongitudinalRmseAt, last), Shown::Value),
+        single("minADE_6", Metric::best_of(M::MinAde, 6, last), Shown::Value),
+        single("minFDE_6", Metric::best_of(M::MinFde, 6, last), Shown::Interval),
+        single("miss rate_6", Metric::best_of(M::MissRate, 6, last), Shown::Value),
     ];
     let mut rows = Vec::new();
     for manoeuvre in Manoeuvre::ALL {
@@ -261,57 +298,60 @@ fn horizons(scores: &[&Score]) -> Vec<f64> {
     seconds
 }
 
-fn single(title: impl Into<String>, metric: Metric, interval: bool) -> Column {
-    Column { title: title.into(), metrics: vec![metric], interval }
+fn single(title: impl Into<String>, metric: Metric, shown: Shown) -> Column {
+    Column { title: title.into(), metrics: vec![metric], shown }
 }
 
 fn columns(protocol: Protocol, scores: &[&Score]) -> Vec<Column> {
     use MetricKind as M;
+    use Shown::{Both, Interval, Value};
     let seconds = horizons(scores);
     let last = seconds.last().copied().unwrap_or_default();
-    let rmse = |second: &f64| single(format!("RMSE {second} s"), Metric::top_1(M::RmseAt, *second), *second == last);
+    let rmse = |second: &f64| {
+        let shown = if *second == last { Both } else { Value };
+        single(format!("RMSE {second} s"), Metric::top_1(M::RmseAt, *second), shown)
+    };
     let as_printed = |second: &f64| Column {
         title: format!("ADE/FDE/RMSE {second} s"),
         metrics: [M::MinAde, M::MinFde, M::RmseToPerCoordinate].map(|kind| Metric::best_of(kind, 20, *second)).into(),
-        interval: false,
+        shown: Value,
     };
-    let best =
-        |title: &str, kind, k, interval| single(format!("{title}_{k}"), Metric::best_of(kind, k, last), interval);
+    let best = |title: &str, kind, k, shown| single(format!("{title}_{k}"), Metric::best_of(kind, k, last), shown);
     match protocol {
         Protocol::Paper => seconds.iter().map(as_printed).collect(),
         Protocol::Literature => seconds.iter().map(rmse).collect(),
         Protocol::Clean => {
             let rest = [
-                single("ADE", Metric::top_1(M::Ade, last), false),
-                single("FDE", Metric::top_1(M::Fde, last), false),
-                best("minADE", M::MinAde, 6, false),
-                best("minFDE", M::MinFde, 6, true),
-                best("miss rate", M::MissRate, 6, false),
+                single(format!("bias {last} s"), Metric::top_1(M::LongitudinalBiasAt, last), Value),
+                single("mean RMSE", Metric::of_all(M::MixtureMeanRmseAt, last), Value),
+                single("arg-max RMSE", Metric::of_all(M::LikeliestRmseAt, last), Value),
+                best("minADE", M::MinAde, 6, Value),
+                best("minFDE", M::MinFde, 6, Both),
             ];
             seconds.iter().map(rmse).chain(rest).collect()
         }
         Protocol::Argoverse2 => vec![
-            best("minADE", M::MinAde, 1, false),
-            best("minFDE", M::MinFde, 1, true),
-            best("miss rate", M::MissRate, 1, false),
-            best("minADE", M::MinAde, 6, false),
-            best("minFDE", M::MinFde, 6, true),
-            best("miss rate", M::MissRate, 6, false),
-            best("brier-minFDE", M::BrierMinFde, 6, false),
+            best("minADE", M::MinAde, 1, Value),
+            best("minFDE", M::MinFde, 1, Interval),
+            best("miss rate", M::MissRate, 1, Value),
+            best("minADE", M::MinAde, 6, Value),
+            best("minFDE", M::MinFde, 6, Interval),
+            best("miss rate", M::MissRate, 6, Value),
+            best("brier-minFDE", M::BrierMinFde, 6, Value),
         ],
         Protocol::NuScenes => vec![
-            best("minFDE", M::MinFde, 1, true),
-            best("minADE", M::SampledMinAde, 5, true),
-            best("minADE", M::SampledMinAde, 10, false),
-            best("miss rate", M::AnyPointMissRate, 5, false),
-            best("miss rate", M::AnyPointMissRate, 10, false),
-            best("off-road", M::OffRoad, 10, false),
+            best("minFDE", M::MinFde, 1, Interval),
+            best("minADE", M::SampledMinAde, 5, Interval),
+            best("minADE", M::SampledMinAde, 10, Value),
+            best("miss rate", M::AnyPointMissRate, 5, Value),
+            best("miss rate", M::AnyPointMissRate, 10, Value),
+            best("off-road", M::OffRoad, 10, Value),
         ],
         Protocol::Waymo => seconds
             .iter()
             .flat_map(|second| {
                 let at = |title: &str, kind, k| {
-                    single(format!("{title} {second} s"), Metric::best_of(kind, k, *second), false)
+                    single(format!("{title} {second} s"), Metric::best_of(kind, k, *second), Value)
                 };
                 [
                     at("minADE", M::SampledMinAde, 6),
@@ -324,21 +364,56 @@ fn columns(protocol: Protocol, scores: &[&Score]) -> Vec<Column> {
     }
 }
 
-/// What the first table of `clean` has no room for.
+/// The second table of `clean`: several futures, and densities where there are any.
+fn futures(last: f64, densities: bool) -> Vec<Column> {
+    use MetricKind as M;
+    let best = |title: &str, kind, k| single(format!("{title}_{k}"), Metric::best_of(kind, k, last), Shown::Value);
+    let mut columns =
+        vec![best("minFDE", M::MinFde, 20), best("miss rate", M::MissRate, 6), best("overlap", M::Overlap, 1)];
+    if densities {
+        columns.extend([
+            single(format!("NLL {last} s"), Metric::of_all(M::NllAt, last), Shown::Value),
+            single("NLL mean", Metric::of_all(M::NllTo, last), Shown::Both),
+            single("within 50 %", Metric::of_all(M::Coverage50At, last), Shown::Value),
+            single("within 90 %", Metric::of_all(M::Coverage90At, last), Shown::Value),
+        ]);
+    }
+    columns
+}
+
+/// What the first tables of `clean` have no room for.
 fn further(last: f64) -> Vec<Column> {
     use MetricKind as M;
-    let best = |title: &str, kind, k| single(format!("{title}_{k}"), Metric::best_of(kind, k, last), false);
+    let best = |title: &str, kind, k| single(format!("{title}_{k}"), Metric::best_of(kind, k, last), Shown::Value);
+    let top = |title: &str, kind| single(title, Metric::top_1(kind, last), Shown::Value);
     vec![
-        single("mean RMSE", Metric::of_all(M::MixtureMeanRmseAt, last), true),
-        single("lateral RMSE", Metric::top_1(M::LateralRmseAt, last), false),
-        single("longitudinal RMSE", Metric::top_1(M::LongitudinalRmseAt, last), false),
+        top("ADE", M::Ade),
+        top("FDE", M::Fde),
+        top("lateral RMSE", M::LateralRmseAt),
+        top("longitudinal RMSE", M::LongitudinalRmseAt),
         best("minADE", M::MinAde, 20),
-        best("minFDE", M::MinFde, 20),
         best("brier-minFDE", M::BrierMinFde, 6),
         best("off-road", M::OffRoad, 6),
-        best("overlap", M::Overlap, 1),
         best("overlap", M::Overlap, 6),
     ]
+}
+
+/// Bias and densities by second.
+fn densities(seconds: &[f64]) -> Vec<Column> {
+    use MetricKind as M;
+    let value = |title: &str, metric: fn(f64) -> Metric| {
+        let title = title.to_owned();
+        seconds.iter().map(move |second| single(format!("{title} {second} s"), metric(*second), Shown::Value))
+    };
+    let within = |second: &f64| Column {
+        title: format!("50/90 % {second} s"),
+        metrics: [M::Coverage50At, M::Coverage90At].map(|kind| Metric::of_all(kind, *second)).into(),
+        shown: Shown::Value,
+    };
+    value("bias", |second| Metric::top_1(M::LongitudinalBiasAt, second))
+        .chain(value("NLL", |second| Metric::of_all(M::NllAt, second)))
+        .chain(seconds.iter().map(within))
+        .collect()
 }
 
 fn cell(column: &Column, scores: &[&Score]) -> TableCell {
@@ -348,10 +423,11 @@ fn cell(column: &Column, scores: &[&Score]) -> TableCell {
     };
     let found: Vec<Option<&Score>> = column.metrics.iter().map(find).collect();
     let text = |score: &Option<&Score>| score.map_or_else(|| "-".to_owned(), |score| format!("{:.2}", score.value));
-    let own = found.first().copied().flatten().filter(|_| column.interval);
+    let own = |shown: &[Shown]| found.first().copied().flatten().filter(|_| shown.contains(&column.shown));
     TableCell {
         text: found.iter().map(text).collect::<Vec<_>>().join("/"),
-        interval: own.and_then(|score| interval(score.ci_low, score.ci_high)),
+        interval: own(&[Shown::Interval, Shown::Both]).and_then(|score| interval(score.ci_low, score.ci_high)),
+        by_event: own(&[Shown::Both]).and_then(|score| interval(score.event_ci_low, score.event_ci_high)),
     }
 }
 
@@ -362,12 +438,15 @@ fn caption(site: &str, protocol: Protocol, scores: &[&Score], head: &TableHead) 
         if least == most { format!("{most}") } else { format!("{least} to {most}") }
     };
     let counted: Vec<&&Score> = scores.iter().filter(|s| MetricKind::is_of_all_windows(&s.metric)).collect();
-    let drawn = if scores.iter().any(|score| score.seeds > 1) { "vehicle and seed" } else { "vehicle" };
+    let seeds = if scores.iter().any(|score| score.seeds > 1) { " and seed" } else { "" };
+    let by_event = scores.iter().any(|score| score.event_ci_low.is_some());
+    let by_event = if by_event { format!(", in square brackets by event{seeds}") } else { String::new() };
     let windows = span(counted.iter().map(|score| score.windows).collect());
-    let vehicles = span(counted.iter().map(|score| score.vehicles as u64).collect());
+    let drivers = span(counted.iter().map(|score| score.vehicles as u64).collect());
+    let events = span(counted.iter().map(|score| score.events as u64).collect());
     format!(
-        "{site}{simulated}: protocol {} ({}), split by {}, {} Hz, {windows} windows, {vehicles} vehicles. \
-         Lengths in m; intervals of 95 % by {drawn}.",
+        "{site}{simulated}: protocol {} ({}), split by {}, {} Hz, {windows} windows, {drivers} drivers, {events} events. \
+         Lengths in m; intervals of 95 % by driver{seeds}{by_event}.",
         protocol.name(),
         protocol.summary(),
         head.split,

@@ -26,8 +26,11 @@ fn scores(protocol: Protocol, site: &str, model: &str, start: f64) -> Vec<Score>
         value: start + 0.01 * i as f64,
         ci_low: Some(start - 1.),
         ci_high: Some(start + 1.),
+        event_ci_low: Some(start - 2.),
+        event_ci_high: Some(start + 2.),
         windows: 1234,
         vehicles: 56,
+        events: 9,
         simulated: false,
         uses_future: model.contains("oracle"),
     };
@@ -52,13 +55,24 @@ fn a_table_states_what_its_numbers_rest_on() {
     let table = &tables(&scores(Protocol::Clean, "us-101", "gnp", 5.), &head())[0];
     for text in [table.terminal(), table.markdown()] {
         let flat = text.replace('\n', " ");
-        for stated in ["us-101", "clean", "split by recording", "k = 6", "10 Hz", "1234 windows", "56 vehicles"] {
+        for stated in [
+            "us-101",
+            "clean",
+            "split by recording",
+            "k = 6",
+            "10 Hz",
+            "1234 windows",
+            "56 drivers",
+            "9 events",
+            "by driver",
+            "by event",
+        ] {
             assert!(flat.contains(stated), "{stated}: {text}");
         }
         assert!(!text.contains("simulated"), "{text}");
     }
     assert_eq!(table.header[1..6], ["RMSE 1 s", "RMSE 2 s", "RMSE 3 s", "RMSE 4 s", "RMSE 5 s"]);
-    assert_eq!(table.header[6..], ["ADE", "FDE", "minADE_6", "minFDE_6", "miss rate_6"]);
+    assert_eq!(table.header[6..], ["bias 5 s", "mean RMSE", "arg-max RMSE", "minADE_6", "minFDE_6"]);
 }
 
 #[test]
@@ -88,7 +102,7 @@ fn terminal_tables_fit_a_hundred_columns() {
 fn markdown_rows_hold_values_and_intervals() {
     let text = tables(&scores(Protocol::Literature, "i-80", "a|b", 2.), &head())[0].markdown();
     // rmse_at and rmse_at_by_vehicle alternate, so RMSE grows by 0.02 a second.
-    assert!(text.contains("\n| a\\|b | 2.00 | 2.02 | 2.04 | 2.06 | 2.08 (1.00 to 3.00) |\n"), "{text}");
+    assert!(text.contains("\n| a\\|b | 2.00 | 2.02 | 2.04 | 2.06 | 2.08 (1.00 to 3.00) [0.00 to 4.00] |\n"), "{text}");
     assert!(text.contains("\n| --- | ---: | ---: | ---: | ---: | ---: |\n"), "{text}");
 }
 
@@ -114,7 +128,10 @@ fn future_input_is_marked_and_missing_numbers_are_dashes() {
 fn all_sites_get_a_table_only_when_there_are_several() {
     let mut one = scores(Protocol::Clean, "us-101", "gnp", 5.);
     one.extend(scores(Protocol::Clean, ALL_SITES, "gnp", 5.));
-    let main = |scores: &[Score]| tables(scores, &head()).into_iter().filter(|table| !table.detail).collect::<Vec<_>>();
+    let main = |scores: &[Score]| {
+        let is_first = |table: &Table| !table.detail && !table.name.ends_with("futures");
+        tables(scores, &head()).into_iter().filter(is_first).collect::<Vec<_>>()
+    };
     assert_eq!(main(&one).len(), 1);
     let mut two = scores(Protocol::Clean, "i-80", "gnp", 4.);
     two.extend(one);
@@ -130,9 +147,10 @@ fn manoeuvres_are_rows_of_one_table() {
     all.extend(parted("gnp", Manoeuvre::Left));
     let tables = tables(&all, &head());
     let names: Vec<&str> = tables.iter().map(|table| table.name.as_str()).collect();
-    let lanes = "clean us-101 lane changes";
-    assert_eq!(names, ["clean us-101", "clean us-101 further", lanes, "clean all sites by manoeuvre"]);
-    let rows: Vec<[&str; 2]> = tables[3].rows.iter().map(|row| [row[0].text.as_str(), row[1].text.as_str()]).collect();
+    let of_site = ["", " futures", " further", " densities", " lane changes"].map(|part| format!("clean us-101{part}"));
+    assert_eq!(names[..5], of_site);
+    assert_eq!(names[5..], ["clean all sites by manoeuvre"]);
+    let rows: Vec<[&str; 2]> = tables[5].rows.iter().map(|row| [row[0].text.as_str(), row[1].text.as_str()]).collect();
     assert_eq!(rows, [["left: gnp", "71"], ["brake: gnp", "71"]]);
     assert_eq!(tables[0].rows.len(), 1, "manoeuvres stay out of the other tables");
 }
@@ -146,11 +164,11 @@ fn lane_changes_have_a_table_with_their_own_counts() {
     let find =
         |scores: &[Score]| tables(scores, &head()).into_iter().find(|table| table.name.ends_with("lane changes"));
     let table = find(&all).unwrap();
-    assert!(table.caption.contains("first second: 23 windows, 9 vehicles; under way"), "{}", table.caption);
+    assert!(table.caption.contains("first second: 23 windows, 9 drivers; under way"), "{}", table.caption);
     assert_eq!(table.header, ["model", "begins, k = 1", "begins, k = 6", "under way, k = 1", "under way, k = 6"]);
     assert!(table.rows[0][1].interval.is_some());
     let main = &tables(&all, &head())[0];
-    assert!(main.caption.contains("1234 windows, 56 vehicles"), "{}", main.caption);
+    assert!(main.caption.contains("1234 windows, 56 drivers"), "{}", main.caption);
     all.retain(|score| !score.metric.starts_with("lane_change"));
     assert_eq!(find(&all), None);
 }
@@ -164,7 +182,8 @@ fn a_row_says_how_many_seeds_it_is_the_mean_of() {
     let tables = tables(&all, &head());
     let names: Vec<&str> = tables[0].rows.iter().map(|row| row[0].text.as_str()).collect();
     assert_eq!(names, ["gnp (3 seeds)", "IDM"]);
-    assert!(tables[0].caption.ends_with("by vehicle and seed."), "{}", tables[0].caption);
+    let ends = "by driver and seed, in square brackets by event and seed.";
+    assert!(tables[0].caption.ends_with(ends), "{}", tables[0].caption);
     assert!(tables.iter().any(|table| table.rows[0][0].text == "left: gnp (3 seeds)"));
 }
 
@@ -174,8 +193,8 @@ fn the_floor_under_overlap_is_said() {
     for score in all.iter_mut().filter(|score| score.metric == "recorded_overlap") {
         score.value = 0.0621;
     }
-    let further = &tables(&all, &head())[1];
-    assert!(further.caption.contains("in 6.2 % of the windows"), "{}", further.caption);
+    let futures = &tables(&all, &head())[1];
+    assert!(futures.caption.contains("in 6.2 % of the windows"), "{}", futures.caption);
 }
 
 #[test]
@@ -187,13 +206,17 @@ fn csv_has_a_line_a_cell() {
         header: ["model", "RMSE 5 s", "ADE"].map(str::to_owned).into(),
         rows: vec![vec![
             TableCell::plain("gnp"),
-            TableCell { text: "5.12".to_owned(), interval: Some(Interval { low: 4.5, high: 6. }) },
+            TableCell {
+                text: "5.12".to_owned(),
+                interval: Some(Interval { low: 4.5, high: 6. }),
+                by_event: Some(Interval { low: 4., high: 7. }),
+            },
             TableCell::plain("-"),
         ]],
     };
-    let expected = "table,row,column,value,low,high\n\
-        \"clean us-101, \"\"all\"\"\",gnp,RMSE 5 s,5.12,4.5000,6.0000\n\
-        \"clean us-101, \"\"all\"\"\",gnp,ADE,-,,\n";
+    let expected = "table,row,column,value,low,high,event_low,event_high\n\
+        \"clean us-101, \"\"all\"\"\",gnp,RMSE 5 s,5.12,4.5000,6.0000,4.0000,7.0000\n\
+        \"clean us-101, \"\"all\"\"\",gnp,ADE,-,,,,\n";
     assert_eq!(csv(&[table]), expected);
 }
 
@@ -212,16 +235,41 @@ fn differences_say_who_is_better() {
         value,
         ci_low: Some(value - 0.5),
         ci_high: Some(value + 0.5),
+        event_ci_low: Some(value - 0.75),
+        event_ci_high: Some(value + 0.75),
         share_better: 0.9,
         verdict,
         windows: 1234,
         vehicles: 56,
+        events: 9,
         simulated: false,
         uses_future,
     };
     let rows = [comparison("cv", -1.2, Verdict::Better, false), comparison("pip", 0.8, Verdict::Worse, true)];
     let text = comparison_tables(&rows, &head())[0].markdown();
     assert!(text.contains("| gnp minus | rmse_at_1 5 s |"), "{text}");
+    assert!(text.contains("| cv | -1.20 + (-1.70 to -0.70) [-1.95 to -0.45] |"), "{text}");
+    assert!(text.contains("| pip (future input) | 0.80 - (0.30 to 1.30) [0.05 to 1.55] |"), "{text}");
+    assert!(text.contains("mark where both intervals (95 %, drivers, and in square brackets events,"), "{text}");
+    let alone = rows.map(|row| Comparison { event_ci_low: None, event_ci_high: None, ..row });
+    let text = comparison_tables(&alone, &head())[0].markdown();
+    assert!(text.contains("mark where the interval (95 %, drivers resampled"), "{text}");
     assert!(text.contains("| cv | -1.20 + (-1.70 to -0.70) |"), "{text}");
-    assert!(text.contains("| pip (future input) | 0.80 - (0.30 to 1.30) |"), "{text}");
+}
+
+/// A system whose spreads nobody fitted has no density: a dash beside others, and no column where none has.
+#[test]
+fn densities_are_shown_where_there_are_any() {
+    let of_density = |score: &Score| score.metric.starts_with("nll") || score.metric.starts_with("coverage");
+    let mut without = scores(Protocol::Clean, "us-101", "theirs", 5.);
+    without.retain(|score| !of_density(score));
+    let found = tables(&without, &head());
+    assert_eq!(found[1].header, ["model", "minFDE_20", "miss rate_6", "overlap_1"]);
+    assert!(!found.iter().any(|table| table.name.ends_with("densities")));
+    let mut both = scores(Protocol::Clean, "us-101", "gnp", 5.);
+    both.extend(without);
+    let found = tables(&both, &head());
+    assert_eq!(found[1].header[4..], ["NLL 5 s", "NLL mean", "within 50 %", "within 90 %"]);
+    assert_eq!(found[1].rows[1][4].text, "-");
+    assert!(found[1].rows[0][5].by_event.is_some() && found[0].rows[1][10].by_event.is_some());
 }

@@ -8,7 +8,7 @@ use gnp_eval::{Bootstrap, EvalConfig, Metric, Protocol, Score};
 
 pub(crate) const RATE_HZ: f64 = 2.;
 pub(crate) const FRAMES: u32 = 9;
-/// A vehicle of 4 x 2 m whose centre is at `(x0 + v t + a t²/2, y)`.
+/// A vehicle whose centre is at `(x0 + v t + a t²/2, y)`.
 #[derive(Clone, Copy)]
 pub(crate) struct Car {
     pub(crate) vehicle: u32,
@@ -18,8 +18,19 @@ pub(crate) struct Car {
     pub(crate) a: f32,
 }
 
-/// A straight road with lines at y = 0, 4 and 8 m.
+/// A straight road with lines at y = 0, 4 and 8 m; vehicles of 4 x 2 m.
 pub(crate) fn recording(name: &str, site: &str, simulated: bool, cars: &[Car]) -> Recording {
+    sized(name, site, simulated, cars, |_| [4., 2.])
+}
+
+/// The same with vehicles of other sizes.
+pub(crate) fn sized(
+    name: &str,
+    site: &str,
+    simulated: bool,
+    cars: &[Car],
+    size: impl Fn(&Car) -> [f32; 2],
+) -> Recording {
     let mut columns = Columns::default();
     let mut tracks = Vec::new();
     for car in cars {
@@ -33,7 +44,7 @@ pub(crate) fn recording(name: &str, site: &str, simulated: bool, cars: &[Car]) -
             columns.lane.push(1);
             columns.neighbours.push([u32::MAX; 8]);
         }
-        tracks.push(Track::new(car.vehicle, [4., 2.], 100, start..columns.x.len()));
+        tracks.push(Track::new(car.vehicle, size(car), 100, start..columns.x.len()));
     }
     let kinds = [MarkingKind::Boundary, MarkingKind::LaneDivider, MarkingKind::Boundary];
     let lines = kinds.into_iter().zip([0., 4., 8.]).map(|(kind, y)| LaneMarking { kind, y }).collect();

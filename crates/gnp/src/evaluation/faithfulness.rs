@@ -15,7 +15,7 @@
 use std::collections::BTreeMap;
 
 use gnp_data::{Cause, EditedScene, Observation, Predictor, Window};
-use gnp_eval::{ALL_SITES, Bootstrap, Interval, Table, TableCell, TableHead, VehicleId};
+use gnp_eval::{ALL_SITES, Bootstrap, Clusters, Interval, Table, TableCell, TableHead, VehicleId};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -47,7 +47,7 @@ pub struct Faithfulness {
     pub horizon_s: f64,
     /// Windows with a leader that were asked.
     pub windows: u64,
-    /// Their vehicles.
+    /// Their drivers.
     pub vehicles: usize,
     /// Whether any of them is simulated.
     pub simulated: bool,
@@ -67,21 +67,21 @@ pub struct Faithfulness {
     pub physical_share_of_squares: Option<Estimate>,
 }
 
-/// A number with its 95 % interval, by vehicle.
+/// A number with its 95 % interval, by driver.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Estimate {
     /// The value.
     pub value: f64,
-    /// Lower end of the interval; null with fewer than two vehicles.
+    /// Lower end of the interval; null with fewer than two drivers.
     pub ci_low: Option<f64>,
-    /// Upper end of the interval; null with fewer than two vehicles.
+    /// Upper end of the interval; null with fewer than two drivers.
     pub ci_high: Option<f64>,
 }
 
 /// Measures how true the explanations of `model` are by asking it again without the leader, by site ([`ALL_SITES`] last,
 /// and only where there are several): at most 1000 windows a site, every n-th of those with a leader. Empty for a model
-/// whose forecasts have no contributions.
+/// whose forecasts have no contributions. Each vehicle counts as a driver of its own.
 ///
 /// # Errors
 /// When a scene cannot be changed or the model fails.
@@ -91,7 +91,7 @@ pub fn faithfulness(
     bootstrap: &Bootstrap,
 ) -> Result<Vec<Faithfulness>> {
     let mut measured = Measured::default();
-    measured.add(model.name(), model, &chosen(observations), &mut |_| Ok(()))?;
+    measured.add(model.name(), model, &chosen(observations), &|vehicle| vehicle, &mut |_| Ok(()))?;
     Ok(measured.rows(bootstrap))
 }
 
@@ -112,12 +112,12 @@ struct Sums {
     total_squared: f64,
 }
 
-/// What was measured of one model on one site, by vehicle.
+/// What was measured of one model on one site, by driver.
 #[derive(Clone, Debug, Default)]
 struct Site {
     horizon_s: f64,
     simulated: bool,
-    vehicles: BTreeMap<VehicleId, Sums>,
+    drivers: BTreeMap<VehicleId, Sums>,
 }
 
 /// What was measured, by model in the order of the rows, and by site.
@@ -197,10 +197,12 @@ impl Measured {
         }
         let windows: Vec<Window<'_>> = material.ids.iter().filter_map(|id| material.set.get(*id)).collect();
         let seen = chosen(&windows.iter().map(Window::observation).collect::<Vec<_>>());
+        let clusters = Clusters::of(material.set);
+        let driver = |vehicle: VehicleId| clusters.driver(&vehicle);
         for system in systems {
             let Some(model) = system.explaining() else { continue };
             let work = machine.work("faithfulness", seen.len(), "windows");
-            measured.add(system.name(), model, &seen, &mut |done| {
+            measured.add(system.name(), model, &seen, &driver, &mut |done| {
                 work.at(done as u64, system.name());
                 machine.stop.check()
             })?;
@@ -214,8 +216,8 @@ impl Measured {
             for (site, more) in sites {
                 let own = self.site(&model, &site);
                 (own.horizon_s, own.simulated) = (more.horizon_s, own.simulated || more.simulated);
-                for (vehicle, sums) in more.vehicles {
-                    let cell = own.vehicles.entry(vehicle).or_default();
+                for (driver, sums) in more.drivers {
+                    let cell = own.drivers.entry(driver).or_default();
                     *cell = cell.plus(&sums, 1.);
                 }
             }
@@ -249,12 +251,14 @@ impl Measured {
         self.0[index].1.entry(site.to_owned()).or_default()
     }
 
-    /// Asks a model about windows that have a leader; `watch` is told how many are done.
+    /// Asks a model about windows that have a leader; `driver` names the driver of a vehicle, `watch` is told how many are
+    /// done.
     fn add(
         &mut self,
         name: &str,
         model: &dyn Predictor,
         observations: &[Observation<'_>],
+        driver: &dyn Fn(VehicleId) -> VehicleId,
         watch: &mut dyn FnMut(usize) -> Result<()>,
     ) -> Result<()> {
         let mut done = 0;
@@ -268,7 +272,7 @@ impl Measured {
                 site.simulated |= simulated;
                 let key = seen.key();
                 let vehicle = VehicleId { recording: key.recording, vehicle: key.vehicle };
-                let cell = site.vehicles.entry(vehicle).or_default();
+                let cell = site.drivers.entry(driver(vehicle)).or_default();
                 *cell = cell.plus(&sums, 1.);
             }
             done += chunk.len();
@@ -280,12 +284,12 @@ impl Measured {
 
 impl Site {
     fn row(&self, model: &str, site: &str, bootstrap: &Bootstrap) -> Faithfulness {
-        let by_vehicle: Vec<Sums> = self.vehicles.values().copied().collect();
-        let all = by_vehicle.iter().fold(Sums::default(), |all, sums| all.plus(sums, 1.));
+        let by_driver: Vec<Sums> = self.drivers.values().copied().collect();
+        let all = by_driver.iter().fold(Sums::default(), |all, sums| all.plus(sums, 1.));
         let estimate = |of: fn(&Sums) -> Option<f64>| {
             let value = of(&all)?;
-            let interval = bootstrap.interval(by_vehicle.len(), |times| {
-                let drawn = by_vehicle.iter().zip(times);
+            let interval = bootstrap.interval(by_driver.len(), |times| {
+                let drawn = by_driver.iter().zip(times);
                 of(&drawn.fold(Sums::default(), |all, (sums, times)| all.plus(sums, *times)))
             });
             let ends = interval.map(|Interval { low, high }| (low, high));
@@ -296,7 +300,7 @@ impl Site {
             site: site.to_owned(),
             horizon_s: self.horizon_s,
             windows: all.windows as u64,
-            vehicles: by_vehicle.len(),
+            vehicles: by_driver.len(),
             simulated: self.simulated,
             effect_m: all.effect_size / all.windows.max(1.),
             part_m: all.part_size / all.windows.max(1.),
@@ -361,9 +365,13 @@ pub(crate) fn table(rows: &[Faithfulness], head: &TableHead) -> Option<Table> {
     let horizon_s = rows.first()?.horizon_s;
     let cell = |estimate: Option<Estimate>| {
         let interval = estimate.and_then(|of| Some(Interval { low: of.ci_low?, high: of.ci_high? }));
-        TableCell { text: estimate.map_or_else(|| "-".to_owned(), |of| format!("{:.2}", of.value)), interval }
+        TableCell {
+            text: estimate.map_or_else(|| "-".to_owned(), |of| format!("{:.2}", of.value)),
+            interval,
+            by_event: None,
+        }
     };
-    let plain = |text: String| TableCell { text, interval: None };
+    let plain = |text: String| TableCell { text, interval: None, by_event: None };
     let row = |row: &Faithfulness| {
         let site = if row.site == ALL_SITES { "all sites" } else { &row.site };
         vec![
@@ -382,7 +390,7 @@ pub(crate) fn table(rows: &[Faithfulness], head: &TableHead) -> Option<Table> {
     let header = [
         "site: model",
         "windows",
-        "vehicles",
+        "drivers",
         "effect (m)",
         "part (m)",
         "correlation",
@@ -400,7 +408,7 @@ pub(crate) fn table(rows: &[Faithfulness], head: &TableHead) -> Option<Table> {
              two; slope of effect on part, least squares through the origin; both are 1 where explanations are true. \
              Physics: mean |named physical causes| / (that + mean |learned|), of the end point's difference from \
              constant velocity; of squares: 1 - sum learned² / sum of the whole difference², at least 0. Split by {}; \
-             intervals of 95 % by vehicle, one seed.",
+             intervals of 95 % by driver, one seed.",
             head.split
         ),
         header: header.map(str::to_owned).to_vec(),

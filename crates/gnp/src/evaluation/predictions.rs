@@ -56,7 +56,7 @@ pub fn score_predictions(
             let split = run.split(&set)?;
             let ids = split.subset(run.config.evaluate.subset);
             let words = split_description(&run, &split);
-            let material = Material { set: &set, ids, split: words, data: &run.folder.state.data };
+            let material = Material { set: &set, ids, fitting: None, split: words, data: &run.folder.state.data };
             score(predictions, &material, &run.config, protocols, out, machine)
         }
         PredictionsOn::Recordings { config, data } => {
@@ -68,7 +68,7 @@ pub fn score_predictions(
             let recordings = report.load(place.path(), machine)?;
             let (set, _) = WindowSet::cut(&recordings, &config.windows)?;
             let words = "nothing, all windows".to_owned();
-            let material = Material { set: &set, ids: set.ids(), split: words, data: &report.data };
+            let material = Material { set: &set, ids: set.ids(), fitting: None, split: words, data: &report.data };
             score(predictions, &material, config, protocols, out, machine)
         }
     }

@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use gnp_data::{Split, WindowSet};
+use gnp_data::{Split, Subset, WindowSet};
 use serde::Serialize;
 
-use super::{Material, Scores, of_run};
+use super::{Material, Scores, fitting, of_run};
 use crate::data::{ingest, source};
 use crate::error::{Context as _, Result};
 use crate::run::Run;
@@ -39,7 +39,11 @@ pub fn score_recordings(run: &Run, data: &Path, out: &Path) -> Result<(Scores, P
     let (set, _) = WindowSet::cut(&recordings, &run.config.windows)?;
     let split = Split::all_test(&set);
     let words = "other recordings, all test".to_owned();
-    let material = Material { set: &set, ids: split.test(), split: words, data: &report.data };
+    // Densities are of the run, whatever it is scored on.
+    let own = run.windows()?;
+    let trained = run.split(&own)?;
+    let fitting = fitting(&own, &trained, Subset::Test);
+    let material = Material { set: &set, ids: split.test(), fitting, split: words, data: &report.data };
     let scores = of_run(run, &material, draft.path())?;
     let state = EvalState {
         run: run.path().display().to_string(),

@@ -1,7 +1,7 @@
 //! The systems of an evaluation, each under the name of its row.
 
 use gnp_data::{Forecast, Observation, OraclePredictor, PredictError, Predictor, Window};
-use gnp_eval::EvaluatedModel;
+use gnp_eval::{EvaluatedModel, Spreads};
 use gnp_model::Gnp;
 
 /// A system under the name of its row.
@@ -54,9 +54,13 @@ impl System {
         matches!(self.model, Model::Oracle(_))
     }
 
-    /// As the driver takes it.
-    pub(super) fn model(&self) -> EvaluatedModel<'_> {
-        if self.uses_future() { EvaluatedModel::Oracle(self) } else { EvaluatedModel::Predictor(self) }
+    /// As it is scored; spreads are for systems that see the past alone.
+    pub(super) fn model<'a>(&'a self, spreads: Option<&'a Spreads>) -> EvaluatedModel<'a> {
+        match spreads {
+            _ if self.uses_future() => EvaluatedModel::Oracle(self),
+            Some(spreads) => EvaluatedModel::WithSpreads(self, spreads),
+            None => EvaluatedModel::Predictor(self),
+        }
     }
 }
 

@@ -93,7 +93,7 @@ fn figures(stem: &str, scored: &Scored<'_>) -> Vec<Figure> {
 
 fn counts(scores: &[&Score]) -> String {
     let most = scores.iter().max_by_key(|score| score.windows);
-    most.map_or_else(String::new, |score| format!("{} windows of {} vehicles.", score.windows, score.vehicles))
+    most.map_or_else(String::new, |score| format!("{} windows of {} drivers.", score.windows, score.vehicles))
 }
 
 fn of<'a>(scores: &[&'a Score], quantity: Quantity, system: &str, horizon: f64) -> Option<&'a Score> {
@@ -154,7 +154,7 @@ fn by_horizon(scored: &Scored<'_>, scores: &[&Score]) -> (Vec<DotPanel>, String)
         }
     };
     let caption = "Each row is a system, each dot its error at one horizon, bars are 95 % intervals from a bootstrap over \
-                   vehicles; dashed lines carry the first row down. Systems without a network have one future. Hollow: \
+                   drivers; dashed lines carry the first row down. Systems without a network have one future. Hollow: \
                    handed recorded futures, which no system on a road has.";
     (
         [PREDICTION, BEST_OF_6].map(panel).into_iter().filter(|panel| !panel.rows.is_empty()).collect(),
@@ -218,7 +218,7 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
         }
     };
     let caption = "Each row changes one thing in the full model. Above, how much larger the error becomes, with the 95 % \
-                   interval of that difference from a bootstrap over vehicles, both models on the same draws: right of \
+                   interval of that difference from a bootstrap over drivers, both models on the same draws: right of \
                    zero the part helps. Numbers on the right are the values themselves. Hollow: handed recorded futures, \
                    a triangle where the value lies beyond the axis; such rows have no place under protocol clean.";
     let panels = [against(PREDICTION), against(BEST_OF_6), overlap()];
@@ -246,8 +246,11 @@ mod tests {
             value,
             ci_low: Some(value * 0.9),
             ci_high: Some(value * 1.1),
+            event_ci_low: None,
+            event_ci_high: None,
             windows: 85,
             vehicles: 80,
+            events: 1,
             simulated: false,
             uses_future: model == "uses_future",
         }
@@ -285,10 +288,13 @@ mod tests {
             value: -2.5,
             ci_low: Some(-3.),
             ci_high: Some(-1.),
+            event_ci_low: None,
+            event_ci_high: None,
             share_better: 1.,
             verdict: Verdict::Better,
             windows: 85,
             vehicles: 80,
+            events: 1,
             simulated: false,
             uses_future: b == "uses_future",
         }
@@ -307,7 +313,7 @@ mod tests {
         assert_eq!(panels[1].rows.iter().map(|row| row.name.as_str()).collect::<Vec<_>>(), ["gnp", "other"]);
         let figures = figures("table1", &scored);
         assert_eq!(figures[0].name, "table1-error-by-horizon");
-        assert!(figures[0].svg.contains("future input") && figures[0].caption.contains("85 windows of 80 vehicles"));
+        assert!(figures[0].svg.contains("future input") && figures[0].caption.contains("85 windows of 80 drivers"));
     }
 
     /// The file has "full minus other"; the figure shows what the change adds.

@@ -185,13 +185,13 @@ fn heading(report: &Report<'_>, scored: &Scored) -> String {
         1 => format!("Seed {first}."),
         seeds => format!(
             "Seeds: {ours} was trained with {seeds} ({first} to {}), all others with the first. A row of {seeds} seeds is \
-             the mean over them of what each window contributes, and its intervals draw seeds as well as vehicles.",
+             the mean over them of what each window contributes, and its intervals draw seeds, too.",
             first.wrapping_add(seeds as u64 - 1)
         ),
     };
     let mut text = format!(
         "# {}\n\n{} On {}. {seeds} All systems are scored on the same windows.{folds} Lengths in m. Intervals: middle 95 % \
-         of {} draws of vehicles with replacement. Systems marked *future input* are handed recorded futures.\n",
+         of {} draws of drivers, and in square brackets of events, with replacement. Systems marked *future input* are handed recorded futures.\n",
         report.title, report.about, run.folder.state.data.description, run.config.evaluate.bootstrap.resamples
     );
     if !report.missing.is_empty() {

@@ -121,7 +121,8 @@ pub(crate) fn markdown(rows: &[Printed]) -> String {
     text
 }
 
-/// The rows as lines for the CSV file of a table: `table,row,column,value,low,high`.
+/// The rows as lines for the CSV file of a table: `table,row,column,value` and four
+/// ends of intervals, which they do not have.
 pub(crate) fn csv(rows: &[Printed]) -> String {
     let mut text = String::new();
     for row in rows {
@@ -133,7 +134,7 @@ pub(crate) fn csv(rows: &[Printed]) -> String {
         let first = if row.values.len() == 1 { 5 } else { 1 };
         for (second, values) in (first..).zip(row.values) {
             for (name, value) in names.iter().zip(*values) {
-                text += &format!("{kind} printed ({MARK}),\"{}\",{name} {second} s,{value},,\n", row.system);
+                text += &format!("{kind} printed ({MARK}),\"{}\",{name} {second} s,{value},,,,\n", row.system);
             }
         }
     }
@@ -158,7 +159,7 @@ mod tests {
         assert_eq!(markdown(table2(Dataset::NGSIM)), "");
         assert_eq!(csv(table1(Dataset::NGSIM)).lines().count(), 4 * 5 + 3 * 5);
         let ablation = csv(table2(Dataset::HIGHD));
-        assert!(ablation.contains("paper printed (not re-run),\"no modes\",FDE 5 s,4.02,,\n"), "{ablation}");
+        assert!(ablation.contains("paper printed (not re-run),\"no modes\",FDE 5 s,4.02,,,,\n"), "{ablation}");
     }
 
     /// Jensen: of one set of errors the root mean square is not below the mean. The printed rows are,

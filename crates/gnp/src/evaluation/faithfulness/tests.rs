@@ -158,13 +158,31 @@ fn folds_pool_to_what_all_windows_give() {
     let seen = chosen(&set.iter().map(|window| window.observation()).collect::<Vec<_>>());
     let of = |seen: &[Observation<'_>]| {
         let mut measured = Measured::default();
-        measured.add("told", &TRUE, seen, &mut |_| Ok(())).unwrap();
+        measured.add("told", &TRUE, seen, &|vehicle| vehicle, &mut |_| Ok(())).unwrap();
         measured
     };
     let pooled = of(&seen[..3]).pooled(of(&seen[3..]));
     assert_eq!(pooled.rows(&bootstrap()), of(&seen).rows(&bootstrap()));
-    let stopped = Measured::default().add("told", &TRUE, &seen, &mut |_| Err(crate::Error::Stopped { kept: None }));
+    let stop = &mut |_: usize| Err(crate::Error::Stopped { kept: None });
+    let stopped = Measured::default().add("told", &TRUE, &seen, &|vehicle| vehicle, stop);
     assert!(stopped.unwrap_err().is_stopped());
+}
+
+/// Vehicles of two recordings that are one driver are drawn together.
+#[test]
+fn drivers_are_counted_not_vehicles() {
+    let recordings = ["a", "b"].map(recording);
+    let (set, _) = WindowSet::cut(&recordings, &config()).unwrap();
+    let seen = chosen(&set.iter().map(|window| window.observation()).collect::<Vec<_>>());
+    let drivers = |driver: &dyn Fn(VehicleId) -> VehicleId| {
+        let mut measured = Measured::default();
+        measured.add("told", &TRUE, &seen, driver, &mut |_| Ok(())).unwrap();
+        let rows = measured.rows(&bootstrap());
+        let all = rows.last().unwrap();
+        (all.windows, all.vehicles)
+    };
+    assert_eq!(drivers(&|vehicle| vehicle), (8, 8));
+    assert_eq!(drivers(&|vehicle| VehicleId { recording: "a".to_owned(), ..vehicle }), (8, 4));
 }
 
 #[test]
