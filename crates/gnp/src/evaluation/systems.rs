@@ -55,7 +55,7 @@ impl System {
     }
 
     /// As the driver takes it.
-    pub(super) fn model(&self) -> EvaluatedModel<'_> {
+    pub(crate) fn model(&self) -> EvaluatedModel<'_> {
         if self.uses_future() { EvaluatedModel::Oracle(self) } else { EvaluatedModel::Predictor(self) }
     }
 }

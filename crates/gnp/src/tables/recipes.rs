@@ -19,11 +19,32 @@ use crate::tables::Fold;
 /// The recipes that come with the project.
 const EMBEDDED: &str = include_str!("../../configs/neural-baselines.toml");
 
-/// How neural baselines are trained, by baseline.
-#[derive(Clone, Debug, PartialEq)]
+/// How neural baselines are trained, by baseline. Its TOML form is that of a file of recipes.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Recipes {
+    #[serde(rename = "column_network", skip_serializing_if = "Option::is_none")]
     column: Option<ColumnRecipe>,
+    #[serde(flatten)]
     published: BTreeMap<String, Recipe>,
+}
+
+/// A row of a published network. Rows of one stem share their training.
+#[derive(Clone, Debug)]
+pub(crate) struct Row {
+    kind: NeuralBaseline,
+    recipe: Recipe,
+}
+
+impl Row {
+    /// Its name in tables.
+    pub(crate) fn name(&self) -> &'static str {
+        self.kind.name()
+    }
+
+    /// Of its files, and in the names of jobs.
+    pub(crate) fn stem(&self) -> &'static str {
+        self.kind.stem()
+    }
 }
 
 /// A file of recipes.
@@ -52,7 +73,7 @@ impl Recipes {
         Self::parse(&text).with_context(|| path.display().to_string())
     }
 
-    fn parse(text: &str) -> Result<Self> {
+    pub(super) fn parse(text: &str) -> Result<Self> {
         let Tables { column_network: column, published } =
             toml::from_str(text).map_err(|error| Error::Config(error.to_string().trim_end().to_owned()))?;
         if let Some(recipe) = &column {
@@ -69,10 +90,18 @@ impl Recipes {
         Ok(Self { column, published })
     }
 
-    /// The recipe of a baseline.
-    #[must_use]
-    pub fn get(&self, kind: NeuralBaseline) -> Option<&Recipe> {
-        self.published.get(kind.stem())
+    /// The rows of the baselines that have a recipe, in the order of a table.
+    pub(crate) fn rows(&self) -> Vec<Row> {
+        let row = |kind: NeuralBaseline| Some(Row { kind, recipe: self.published.get(kind.stem())?.clone() });
+        NeuralBaseline::ALL.into_iter().filter_map(row).collect()
+    }
+
+    /// What a table without some of the baselines says of them.
+    pub(crate) fn missing(&self) -> Vec<String> {
+        let without = NeuralBaseline::ALL.into_iter().filter(|kind| !self.published.contains_key(kind.stem()));
+        let told = |name: &str, stem: &str| format!("{name}: has no recipe ([{stem}])");
+        let column = self.column.is_none().then(|| told(ColumnNetwork::NAME, ColumnNetwork::STEM));
+        column.into_iter().chain(without.map(|kind| told(kind.name(), kind.stem()))).collect()
     }
 
     /// The recipe of the column network.
@@ -82,14 +111,15 @@ impl Recipes {
     }
 }
 
-/// A baseline, trained in `folder` unless it was before.
+/// A published network, trained with `seed` added to that of its recipe in `folder` unless it was before.
 ///
 /// # Errors
 /// When the training fails; [`Error::Stopped`].
-pub(crate) fn system(kind: NeuralBaseline, recipe: &Recipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
-    let Fold { run, set, split, .. } = fold;
+pub(crate) fn system(row: &Row, seed: u64, fold: &Fold<'_>, folder: &Path) -> Result<System> {
+    let Fold { run, set, split } = fold;
+    let kind = row.kind;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let recipe = Recipe { seed: recipe.seed.wrapping_add(run.config.seed), ..recipe.clone() };
+    let recipe = Recipe { seed: row.recipe.seed.wrapping_add(seed), ..row.recipe.clone() };
     let data = Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash() };
     let watch = Watch::new(&run.machine, kind.name(), recipe.epochs());
     match TrainedBaseline::train(kind, &recipe, &data, folder, &run.machine.device, watch, run.machine.stop.flag()) {
@@ -100,14 +130,14 @@ pub(crate) fn system(kind: NeuralBaseline, recipe: &Recipe, fold: &Fold<'_>, fol
     }
 }
 
-/// The column network, trained in `folder` unless it was before.
+/// The column network, trained with `seed` added to that of its recipe in `folder` unless it was before.
 ///
 /// # Errors
 /// As [`system`].
-pub(crate) fn column(recipe: &ColumnRecipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
-    let Fold { run, set, split, .. } = fold;
+pub(crate) fn column(recipe: &ColumnRecipe, seed: u64, fold: &Fold<'_>, folder: &Path) -> Result<System> {
+    let Fold { run, set, split } = fold;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let recipe = ColumnRecipe { seed: recipe.seed.wrapping_add(run.config.seed), ..recipe.clone() };
+    let recipe = ColumnRecipe { seed: recipe.seed.wrapping_add(seed), ..recipe.clone() };
     let data = Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash() };
     let machine = &run.machine;
     let batches = split.train().len().div_ceil(recipe.batch.max(1));
@@ -164,6 +194,7 @@ mod tests {
     fn the_recipes_that_come_with_the_project_can_be_used() {
         let recipes = Recipes::embedded().unwrap();
         assert!(!recipes.published.is_empty() && recipes.column().is_some());
+        assert_eq!(Recipes::parse(&toml::to_string(&recipes).unwrap()).unwrap(), recipes);
         for line in EMBEDDED.lines().filter(|line| line.contains(" = ")) {
             assert!(line.starts_with('#') || line.contains(" # "), "no comment: {line}");
         }
