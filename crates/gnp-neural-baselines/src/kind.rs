@@ -56,19 +56,32 @@ impl NeuralBaseline {
 
     /// Name in tables in a form of output.
     #[must_use]
-    pub fn name_in(self, form: OutputForm) -> String {
-        match form {
-            OutputForm::Published => self.name().to_owned(),
-            OutputForm::Deviation => format!("{}, our data treatment", self.name()),
+    pub fn name_in(self, form: OutputForm) -> &'static str {
+        match (form, self) {
+            (OutputForm::Published, _) => self.name(),
+            (OutputForm::Deviation, Self::SLstm) => "S-LSTM, our data treatment",
+            (OutputForm::Deviation, Self::CsLstm) => "CS-LSTM, our data treatment",
+            (OutputForm::Deviation, Self::CsLstmM) => "CS-LSTM(M), our data treatment",
+            (OutputForm::Deviation, Self::PipInformed) => "PiP (ego future known), our data treatment",
+            (OutputForm::Deviation, Self::PipNoPlan) => "PiP-noPlan, our data treatment",
+            (OutputForm::Deviation, Self::PipSurrogate) => "PiP (surrogate plan), our data treatment",
+            (OutputForm::Deviation, Self::Stdan) => "STDAN, our data treatment",
+            (OutputForm::Deviation, Self::StdanMasked) => "STDAN-masked, our data treatment",
         }
     }
 
     /// Stem of its files in a form of output; two that share a network share it.
     #[must_use]
-    pub fn stem_in(self, form: OutputForm) -> String {
-        match form {
-            OutputForm::Published => self.stem().to_owned(),
-            OutputForm::Deviation => format!("{}_deviation", self.stem()),
+    pub fn stem_in(self, form: OutputForm) -> &'static str {
+        match (form, self) {
+            (OutputForm::Published, _) => self.stem(),
+            (OutputForm::Deviation, Self::SLstm) => "s_lstm_deviation",
+            (OutputForm::Deviation, Self::CsLstm) => "cs_lstm_deviation",
+            (OutputForm::Deviation, Self::CsLstmM) => "cs_lstm_m_deviation",
+            (OutputForm::Deviation, Self::PipInformed | Self::PipSurrogate) => "pip_deviation",
+            (OutputForm::Deviation, Self::PipNoPlan) => "pip_no_plan_deviation",
+            (OutputForm::Deviation, Self::Stdan) => "stdan_deviation",
+            (OutputForm::Deviation, Self::StdanMasked) => "stdan_masked_deviation",
         }
     }
 

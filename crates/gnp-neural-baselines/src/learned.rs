@@ -30,7 +30,6 @@ const BATCH: usize = 128;
 #[derive(Debug)]
 pub struct TrainedBaseline {
     kind: NeuralBaseline,
-    name: String,
     header: Header,
     net: Net,
 }
@@ -52,7 +51,7 @@ impl TrainedBaseline {
         let net = Net::new(header.kind, &header.recipe, header.reference.clone(), inputs, &vb).map_err(|e| {
             NeuralBaselineError::checkpoint(path, format!("does not hold this network ({e}): train again"))
         })?;
-        Ok(Self { kind: header.kind, name: header.kind.name_in(header.form()), header, net })
+        Ok(Self { kind: header.kind, header, net })
     }
 
     /// The same PiP network with plans of constant velocity instead of recorded ones.
@@ -65,7 +64,6 @@ impl TrainedBaseline {
         }
         self.net.plan_constant_velocity();
         self.kind = NeuralBaseline::PipSurrogate;
-        self.name = self.kind.name_in(self.form());
         Ok(self)
     }
 
@@ -155,11 +153,11 @@ impl TrainedBaseline {
     }
 
     fn fail(&self, source: impl std::error::Error + Send + Sync + 'static) -> PredictError {
-        PredictError::Model { model: self.name.clone(), source: Box::new(source) }
+        PredictError::Model { model: self.name().to_owned(), source: Box::new(source) }
     }
 
     fn check(&self, observations: &[Observation<'_>]) -> Result<(), PredictError> {
-        PredictError::check_shapes(&self.name, self.header.shape, observations)
+        PredictError::check_shapes(self.name(), self.header.shape, observations)
     }
 
     fn predict_with(
@@ -213,7 +211,7 @@ pub(crate) fn inputs(shape: WindowShape, unit_m: f64) -> Result<Inputs, NeuralBa
 
 impl Predictor for TrainedBaseline {
     fn name(&self) -> &str {
-        &self.name
+        self.kind.name_in(self.form())
     }
 
     fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
@@ -230,7 +228,7 @@ pub struct WithFuture<'a>(&'a TrainedBaseline);
 
 impl OraclePredictor for WithFuture<'_> {
     fn name(&self) -> &str {
-        &self.0.name
+        self.0.name()
     }
 
     fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {

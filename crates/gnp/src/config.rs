@@ -134,7 +134,8 @@ impl RunConfig {
         Self::parse(&text, set).with_context(|| path.display().to_string())
     }
 
-    fn parse(text: &str, set: &[Setting]) -> Result<Self> {
+    /// As [`RunConfig::read`], of a text.
+    pub(crate) fn parse(text: &str, set: &[Setting]) -> Result<Self> {
         let mut table: Table = text.parse().map_err(syntax)?;
         let reference: Table = REFERENCE.parse().map_err(syntax).context("the embedded configuration")?;
         keys::check(&table, &reference)?;

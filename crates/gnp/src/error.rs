@@ -30,6 +30,12 @@ pub enum Error {
     /// This build or this computer cannot do it.
     #[error("{0}")]
     Unavailable(String),
+    /// Some jobs of a table failed; all others are done.
+    #[error("{} failed, the others are done:{}", if failed.len() == 1 { "one job".to_owned() } else { format!("{} jobs", failed.len()) }, failed.iter().map(|(id, error)| format!("\n  {id}: {}", error.chain())).collect::<String>())]
+    Jobs {
+        /// Names of jobs, each with what went wrong.
+        failed: Vec<(String, Error)>,
+    },
     /// What was being done, and what stopped it.
     #[error("{what}")]
     While {

@@ -55,7 +55,7 @@ impl System {
     }
 
     /// As it is scored; spreads are for systems that see the past alone.
-    pub(super) fn model<'a>(&'a self, spreads: Option<&'a Spreads>) -> EvaluatedModel<'a> {
+    pub(crate) fn model<'a>(&'a self, spreads: Option<&'a Spreads>) -> EvaluatedModel<'a> {
         match spreads {
             _ if self.uses_future() => EvaluatedModel::Oracle(self),
             Some(spreads) => EvaluatedModel::WithSpreads(self, spreads),

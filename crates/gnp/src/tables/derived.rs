@@ -14,8 +14,12 @@ use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
 
+/// The stages that learn.
+pub(super) const TRAINED: [Stage; 4] = [Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
+
 /// The run of `config` on the windows of the run `full`, in `place`: started there with the stages `redo`, which its
-/// differences reach, left to do unless it is there.
+/// differences reach, left to do unless it is there. Of `full` only what they need must be finished: for [`TRAINED`] its
+/// recordings and split.
 ///
 /// # Errors
 /// When it cannot be made, or was made of another configuration.
@@ -46,8 +50,7 @@ fn copy(full: &RunFolder, redo: &[Stage], to: &Path) -> Result<()> {
     let mut files: Vec<PathBuf> = ["ingest.json", "ingest.txt", "split.json"].map(PathBuf::from).into();
     // The rules are fitted to the training windows, which are the same; without the file they are fitted again.
     files.extend(Some(PathBuf::from(rules::FILE)).filter(|file| full.path(file).exists()));
-    let trained = [Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
-    let kept = trained.into_iter().filter(|stage| !redo.contains(stage));
+    let kept = TRAINED.into_iter().filter(|stage| !redo.contains(stage));
     files.extend(kept.map(|stage| PathBuf::from(format!("{}.safetensors", stage.name()))));
     let recordings = Path::new(RECORDINGS);
     let from = full.path(recordings);

@@ -15,6 +15,7 @@ use crate::evaluation::systems::System;
 use crate::figures;
 use crate::run::Run;
 use crate::run::folder::{write, write_json};
+use crate::tables::fit::{self, Fit, Row};
 use crate::tables::printed::{self, Printed};
 
 /// What a table is made of.
@@ -29,8 +30,10 @@ pub(crate) struct Report<'a> {
     pub(crate) ours: &'static str,
     /// Systems that are missing, and why.
     pub(crate) missing: &'a [String],
-    /// Seeds that our system was trained with.
+    /// Seeds that what is learned was trained with.
     pub(crate) seeds: usize,
+    /// Learned systems that were trained with the first alone.
+    pub(crate) one_seed: &'a [&'a str],
     /// What the papers print.
     pub(crate) printed: &'a [Printed],
 }
@@ -46,7 +49,7 @@ struct Content<'a> {
     windows: usize,
     rate_hz: f64,
     seed: u64,
-    /// From `seed` on; of our system alone.
+    /// From `seed` on, of what is learned; a score says how many entered.
     seeds: usize,
     version: &'static str,
     systems: &'a [String],
@@ -54,6 +57,7 @@ struct Content<'a> {
     scores: &'a [Score],
     differences: &'a [Comparison],
     faithfulness: &'a [Faithfulness],
+    training: &'a [Row],
     printed_not_re_run: &'a [Printed],
 }
 
@@ -61,6 +65,7 @@ struct Content<'a> {
 pub(crate) struct Scored {
     evaluation: Evaluation,
     faithfulness: Measured,
+    fit: Fit,
     /// Names, in the order of the rows.
     systems: Vec<String>,
     /// How the windows were parted, in words.
@@ -74,7 +79,7 @@ impl Scored {
     /// What `systems` got on a part of a split.
     pub(crate) fn new(
         systems: &[System],
-        (evaluation, faithfulness): (Evaluation, Measured),
+        (evaluation, faithfulness, fit): (Evaluation, Measured, Fit),
         words: String,
         split: &Split,
         run: Run,
@@ -82,6 +87,7 @@ impl Scored {
         Self {
             evaluation,
             faithfulness,
+            fit,
             systems: systems.iter().map(|system| system.name().to_owned()).collect(),
             split: words,
             hashes: vec![split.hash().to_owned()],
@@ -96,6 +102,7 @@ impl Scored {
     pub(crate) fn pooled(mut self, fold: Self) -> Result<Self> {
         self.evaluation = self.evaluation.pooled(fold.evaluation)?;
         self.faithfulness = self.faithfulness.pooled(fold.faithfulness);
+        self.fit = self.fit.with(fold.fit);
         self.hashes.extend(fold.hashes);
         Ok(self)
     }
@@ -125,7 +132,9 @@ impl Scored {
 pub(crate) fn write_report(report: &Report<'_>, scored: &Scored, folder: &Path) -> Result<()> {
     let Scored { evaluation, run, .. } = scored;
     let bootstrap = &run.config.evaluate.bootstrap;
-    let scores = Scores::of(evaluation, &scored.faithfulness, report.ours, scored.split(), bootstrap)?;
+    let mut scores = Scores::of(evaluation, &scored.faithfulness, report.ours, scored.split(), bootstrap)?;
+    let training = scored.fit.rows();
+    scores.tables.extend(fit::tables(&training));
     run.result(&format!("\n{} on {}", report.title, run.folder.state.data.description));
     scores.show(run.machine.progress.as_ref());
     let markdown = scores.markdown(&heading(report, scored)) + &printed::markdown(report.printed);
@@ -148,6 +157,7 @@ pub(crate) fn write_report(report: &Report<'_>, scored: &Scored, folder: &Path) 
         scores: &scores.scores,
         differences: &scores.differences,
         faithfulness: &scores.faithfulness,
+        training: &training,
         printed_not_re_run: report.printed,
     };
     save_comparisons(&folder.join("differences.json"), &scores.differences)?;
@@ -180,14 +190,17 @@ fn heading(report: &Report<'_>, scored: &Scored) -> String {
             " Cross-validation in {folds} folds: each window is scored once, by models trained on the other folds."
         ),
     };
-    let (first, ours) = (run.config.seed, report.ours);
+    let first = run.config.seed;
     let seeds = match report.seeds {
         1 => format!("Seed {first}."),
-        seeds => format!(
-            "Seeds: {ours} was trained with {seeds} ({first} to {}), all others with the first. A row of {seeds} seeds is \
-             the mean over them of what each window contributes, and its intervals draw seeds, too.",
-            first.wrapping_add(seeds as u64 - 1)
-        ),
+        seeds => {
+            let alone = report.one_seed.iter().map(|name| format!(" ({name}: the first alone)")).collect::<String>();
+            format!(
+                "Seeds: everything learned was trained with {seeds}, {first} to {}{alone}. A row of {seeds} seeds is the \
+                 mean over them of what each window contributes, and its intervals draw seeds, too.",
+                first.wrapping_add(seeds as u64 - 1)
+            )
+        }
     };
     let mut text = format!(
         "# {}\n\n{} On {}. {seeds} All systems are scored on the same windows.{folds} Lengths in m. Intervals: middle 95 % \

@@ -2,31 +2,39 @@
 
 use std::path::Path;
 
+use gnp_data::Dataset;
+
 use crate::config::{PredictConfig, RunConfig};
 use crate::error::{Result, bail};
-use crate::evaluation::systems::System;
-use crate::run::folder::Stage;
-use crate::tables::Fold;
-use crate::tables::derived::beside;
+use crate::run::Run;
+use crate::tables::derived::{TRAINED, beside};
 
 /// Its row.
 pub(crate) const NAME: &str = "GNP as published";
 
-/// The model that `published` describes, trained in `place` on the windows of `fold` unless it was before.
+/// Refuses a configuration of the published model for other data than `dataset`.
+///
+/// # Errors
+/// Names both.
+pub(crate) fn check(published: &RunConfig, dataset: Dataset) -> Result<()> {
+    if published.dataset != dataset {
+        bail!(Config, "{NAME}: its configuration is for {}, not for {dataset}", published.dataset);
+    }
+    Ok(())
+}
+
+/// The run of the model that `published` describes, in `place`, on the windows of the run `full`; trained unless it
+/// was before.
 ///
 /// # Errors
 /// When the configuration is for other data or its training fails.
-pub(crate) fn system(published: &RunConfig, fold: &Fold<'_>, place: &Path) -> Result<System> {
-    let full = fold.run;
+pub(crate) fn trained(published: &RunConfig, full: &Run, place: &Path) -> Result<Run> {
     let written = RunConfig::read(&full.folder.path("config.toml"), &[])?;
-    if published.dataset != written.dataset {
-        bail!(Config, "{NAME}: its configuration is for {}, not for {}", published.dataset, written.dataset);
-    }
+    check(published, written.dataset)?;
     let config = on_the_same_windows(published, &written);
-    let trained = [Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
-    let mut run = beside(&full.folder, &config, &trained, place, &full.machine)?;
-    trained.into_iter().try_for_each(|stage| run.perform(stage))?;
-    Ok(System::predictor(NAME, run.model()?))
+    let mut run = beside(&full.folder, &config, &TRAINED, place, &full.machine)?;
+    run.train()?;
+    Ok(run)
 }
 
 /// `published` with the recordings, windows, split, seed and evaluation of the table's run.

@@ -21,40 +21,42 @@ use crate::tables::Fold;
 /// The recipes that come with the project.
 const EMBEDDED: &str = include_str!("../../configs/neural-baselines.toml");
 
-/// How neural baselines are trained, by baseline.
-#[derive(Clone, Debug, PartialEq)]
+/// How neural baselines are trained, by baseline. Its TOML form is that of a file of recipes.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Recipes {
+    #[serde(rename = "column_network", skip_serializing_if = "Option::is_none")]
     column: Option<ColumnRecipe>,
+    #[serde(flatten)]
     networks: BTreeMap<String, Trained>,
 }
 
 /// How one network is trained: one row for each form of output.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 struct Trained {
     forms: Vec<OutputForm>,
+    #[serde(flatten)]
     recipe: Recipe,
 }
 
 /// The key of a network's table that is not of its recipe.
 const FORMS: &str = "forms";
 
-/// A published network in one form of output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A published network in one form of output. Rows of one stem share their training.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Row {
-    /// The network.
-    pub(crate) kind: NeuralBaseline,
-    /// What its points are counted from.
-    pub(crate) form: OutputForm,
+    kind: NeuralBaseline,
+    form: OutputForm,
+    recipe: Recipe,
 }
 
 impl Row {
     /// Its name in tables.
-    pub(crate) fn name(&self) -> String {
+    pub(crate) fn name(&self) -> &'static str {
         self.kind.name_in(self.form)
     }
 
-    /// Stem of its files; rows that share a training share it.
-    pub(crate) fn stem(&self) -> String {
+    /// Of its files, and in the names of jobs.
+    pub(crate) fn stem(&self) -> &'static str {
         self.kind.stem_in(self.form)
     }
 }
@@ -77,7 +79,7 @@ impl Recipes {
         Self::parse(&text).with_context(|| path.display().to_string())
     }
 
-    fn parse(text: &str) -> Result<Self> {
+    pub(super) fn parse(text: &str) -> Result<Self> {
         let config = |error: toml::de::Error| Error::Config(error.to_string().trim_end().to_owned());
         let mut tables: BTreeMap<String, toml::Table> = toml::from_str(text).map_err(config)?;
         let shared = tables.remove(SHARED).unwrap_or_default();
@@ -114,17 +116,19 @@ impl Recipes {
 
     /// The rows, in the order of a table.
     pub(crate) fn rows(&self) -> Vec<Row> {
-        let of_kind = |kind: NeuralBaseline| {
-            let forms = self.networks.get(kind.stem()).map(|network| network.forms.clone());
-            forms.unwrap_or_default().into_iter().map(move |form| Row { kind, form })
-        };
-        NeuralBaseline::ALL.into_iter().flat_map(of_kind).collect()
+        let networks = NeuralBaseline::ALL.into_iter().filter_map(|kind| Some((kind, self.networks.get(kind.stem())?)));
+        let rows = networks.flat_map(|(kind, Trained { forms, recipe })| {
+            forms.iter().map(move |form| Row { kind, form: *form, recipe: recipe.clone() })
+        });
+        rows.collect()
     }
 
-    /// The recipe of a baseline.
-    #[must_use]
-    pub fn get(&self, kind: NeuralBaseline) -> Option<&Recipe> {
-        self.networks.get(kind.stem()).map(|network| &network.recipe)
+    /// What a table without some of the baselines says of them.
+    pub(crate) fn missing(&self) -> Vec<String> {
+        let without = NeuralBaseline::ALL.into_iter().filter(|kind| !self.networks.contains_key(kind.stem()));
+        let told = |name: &str, stem: &str| format!("{name}: has no recipe ([{stem}])");
+        let column = self.column.is_none().then(|| told(ColumnNetwork::NAME, ColumnNetwork::STEM));
+        column.into_iter().chain(without.map(|kind| told(kind.name(), kind.stem()))).collect()
     }
 
     /// The recipe of the column network.
@@ -137,21 +141,21 @@ impl Recipes {
 /// The table of keys that every published network has, unless its own says otherwise.
 const SHARED: &str = "shared";
 
-/// A baseline, trained in `folder` unless it was before.
+/// A published network, trained with `seed` added to that of its recipe in `folder` unless it was before.
 ///
 /// # Errors
 /// When the training fails; [`Error::Stopped`].
-pub(crate) fn system(row: Row, recipe: &Recipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
+pub(crate) fn system(row: &Row, seed: u64, fold: &Fold<'_>, folder: &Path) -> Result<System> {
     let Fold { run, split, .. } = fold;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let recipe = Recipe { seed: recipe.seed.wrapping_add(run.config.seed), ..recipe.clone() };
+    let recipe = Recipe { seed: row.recipe.seed.wrapping_add(seed), ..row.recipe.clone() };
     let platoon = match row.form {
         OutputForm::Published => None,
         OutputForm::Deviation => Some(rules::platoon(run)?),
     };
     let data = training(fold, platoon.as_ref());
     let (kind, machine, name) = (row.kind, &run.machine, row.name());
-    let watch = Watch::new(machine, &name, recipe.epochs(split.train().len()));
+    let watch = Watch::new(machine, name, recipe.epochs(split.train().len()));
     match TrainedBaseline::train(kind, &recipe, &data, folder, &machine.device, watch, machine.stop.flag()) {
         Err(NeuralBaselineError::Interrupted { .. }) => Err(Error::Stopped { kept: None }),
         Err(error) => Err(error).with_context(|| format!("{name} failed")),
@@ -165,14 +169,14 @@ fn training<'a>(fold: &Fold<'a>, reference: Option<&'a PlatoonRule>) -> Training
     Training { set, train: split.train(), validation: split.validation(), split_hash: split.hash(), reference }
 }
 
-/// The column network, trained in `folder` unless it was before.
+/// The column network, trained with `seed` added to that of its recipe in `folder` unless it was before.
 ///
 /// # Errors
 /// As [`system`].
-pub(crate) fn column(recipe: &ColumnRecipe, fold: &Fold<'_>, folder: &Path) -> Result<System> {
+pub(crate) fn column(recipe: &ColumnRecipe, seed: u64, fold: &Fold<'_>, folder: &Path) -> Result<System> {
     let Fold { run, split, .. } = fold;
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let recipe = ColumnRecipe { seed: recipe.seed.wrapping_add(run.config.seed), ..recipe.clone() };
+    let recipe = ColumnRecipe { seed: recipe.seed.wrapping_add(seed), ..recipe.clone() };
     let platoon = rules::platoon(run)?;
     let data = training(fold, Some(&platoon));
     let machine = &run.machine;
@@ -205,7 +209,7 @@ struct OracleBaseline(TrainedBaseline);
 
 impl gnp_data::OraclePredictor for OracleBaseline {
     fn name(&self) -> &str {
-        self.0.kind().name()
+        gnp_data::Predictor::name(&self.0)
     }
 
     fn predict_with_future(
@@ -229,6 +233,7 @@ mod tests {
     fn the_recipes_that_come_with_the_project_can_be_used() {
         let recipes = Recipes::embedded().unwrap();
         assert!(!recipes.rows().is_empty() && recipes.column().is_some());
+        assert_eq!(Recipes::parse(&toml::to_string(&recipes).unwrap()).unwrap(), recipes);
         for line in EMBEDDED.lines().filter(|line| line.contains(" = ")) {
             assert!(line.starts_with('#') || line.contains(" # "), "no comment: {line}");
         }

@@ -16,7 +16,7 @@ use gnp_modes::Modes;
 
 use crate::config::{RunConfig, Setting};
 use crate::run::folder::{RunFolder, Stage};
-use crate::tables::derived::beside;
+use crate::tables::derived::{TRAINED, beside};
 
 /// One row of the ablation table.
 #[derive(Clone, Copy, Debug)]
@@ -71,7 +71,7 @@ const GOALS: &[Stage] = &[Stage::Modes, Stage::Goal];
 const GOAL_NETWORK: &[Stage] = &[Stage::Goal];
 const FORCES: &[Stage] = &[Stage::Attraction, Stage::Repulsion];
 const REPULSION: &[Stage] = &[Stage::Repulsion];
-const ALL: &[Stage] = &[Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
+const ALL: &[Stage] = &TRAINED;
 
 const ONE_MODE: Change = Change::Keys(&[("modes.modes", "1")]);
 /// Neighbours behind their leaders need the platoon as reference, and so much trust in the reference rests on it: both

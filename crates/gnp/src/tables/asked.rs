@@ -1,0 +1,111 @@
+//! What a comparison was asked for, and the file of its folder that says so.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use toml::{Table, Value};
+
+use super::place::ASKED;
+use super::recipes::Recipes;
+use crate::config::RunConfig;
+use crate::error::{Context as _, Error, Result, bail};
+use crate::run::folder::write;
+use crate::stages::Plan;
+
+/// Version of the file.
+const FORMAT: i64 = 1;
+
+/// What a comparison is asked for.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct CompareRequest {
+    /// Recordings, configuration of GNP, and folder of the table.
+    pub plan: Plan,
+    /// How neural baselines are trained; those without a recipe have no row.
+    pub recipes: Recipes,
+    /// Seeds that everything learned is trained with, from that of the configuration on.
+    pub seeds: usize,
+    /// How GNP as published is trained, where it has a row.
+    pub published: Option<RunConfig>,
+}
+
+/// `table.toml`.
+#[derive(Deserialize)]
+struct Written {
+    format: i64,
+    seeds: usize,
+    data_dir: Option<PathBuf>,
+    config: Table,
+    recipes: Table,
+    published: Option<Table>,
+}
+
+impl CompareRequest {
+    /// A table of one seed, without GNP as published.
+    #[must_use]
+    pub fn new(plan: Plan, recipes: Recipes) -> Self {
+        Self { plan, recipes, seeds: 1, published: None }
+    }
+
+    /// Whether a folder says what it was prepared for.
+    #[must_use]
+    pub fn is_in(folder: &Path) -> bool {
+        folder.join(ASKED).is_file()
+    }
+
+    /// What the prepared folder was asked for, to go on with.
+    ///
+    /// # Errors
+    /// When the folder is not prepared or the file is damaged or of another version.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(ASKED);
+        if !path.is_file() {
+            bail!(
+                Folder,
+                "{0} is not a prepared table; prepare one with `gnp compare --plan --dataset NAME --out {0}`",
+                folder.display()
+            );
+        }
+        let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let damaged =
+            || format!("{} is damaged; prepare the table again with the options it was made with", path.display());
+        let parsed = toml::from_str(&text).map_err(|error| Error::Config(error.to_string().trim_end().to_owned()));
+        let written: Written = parsed.with_context(damaged)?;
+        if written.format != FORMAT {
+            bail!(Folder, "{} has format {}, this program has {FORMAT}", path.display(), written.format);
+        }
+        let config = |table: Table| RunConfig::parse(&table.to_string(), &[]).with_context(damaged);
+        let mut plan = Plan::new(config(written.config)?, written.data_dir, folder);
+        plan.resume = true;
+        Ok(Self {
+            plan,
+            recipes: Recipes::parse(&written.recipes.to_string()).with_context(damaged)?,
+            seeds: written.seeds,
+            published: written.published.map(config).transpose()?,
+        })
+    }
+
+    /// Writes the file into the folder of the plan.
+    ///
+    /// # Errors
+    /// When it cannot be written or a value has no TOML form.
+    pub(super) fn write(&self, config: &RunConfig) -> Result<()> {
+        let mut table = Table::new();
+        let seeds = i64::try_from(self.seeds).unwrap_or(i64::MAX);
+        table.insert("format".to_owned(), Value::Integer(FORMAT));
+        table.insert("seeds".to_owned(), Value::Integer(seeds));
+        if let Some(dir) = &self.plan.data {
+            table.insert("data_dir".to_owned(), Value::String(dir.to_string_lossy().into_owned()));
+        }
+        table.insert("config".to_owned(), Value::Table(Table::try_from(config)?));
+        table.insert("recipes".to_owned(), Value::Table(Table::try_from(&self.recipes)?));
+        if let Some(published) = &self.published {
+            table.insert("published".to_owned(), Value::Table(Table::try_from(published)?));
+        }
+        let folder = &self.plan.out;
+        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        let text = format!("# What this table was asked for; its jobs read nothing else.\n{table}");
+        write(&folder.join(ASKED), text.as_bytes())
+    }
+}
