@@ -92,7 +92,7 @@ pub struct SplitConfig {
     /// Number of folds of a cross-validation; 1 parts the windows once, by the shares. With more,
     /// what is kept in one part is dealt into so many folds of like size, of which one is the test
     /// part; training and validation divide the others in the proportion of their shares. Over all
-    /// folds each window is tested once.
+    /// folds each window that is in a part is tested once.
     pub folds: usize,
     /// Which fold is the test part, from 1.
     pub fold: usize,
