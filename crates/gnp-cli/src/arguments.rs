@@ -74,8 +74,14 @@ Examples:
   gnp compare --dataset ngsim
   gnp compare --dataset highd --data-dir D --out runs/table1-highd
   gnp compare --dataset ngsim --resume         go on; a finished model is not trained again
-  gnp compare --dataset ngsim --seeds 3        GNP trained three times; intervals over drivers and seeds
+  gnp compare --dataset ngsim --seeds 3        all that is learned three times; intervals over drivers and seeds
   gnp compare --dataset ngsim --resume --published   add a row for GNP as published, which trains long
+
+Its trainings are jobs that need no other, here or on other machines that see the folder:
+  gnp compare --dataset ngsim --out T --plan           prepare T, list the jobs
+  gnp compare --out T --job fold-2/cs_lstm/seed-0      do one
+  gnp compare --out T --gather                         the table, once all are done
+  gnp compare --out T --resume                         all that are left, then the table
 
 Writes table1.md, table1.csv, table1.json, differences.json and the figures table1-*.svg and .png to --out
 [default: runs/table1-NAME].")]
@@ -395,15 +401,37 @@ pub struct CompareArgs {
     /// Recipes of the neural baselines [default: those of configs/neural-baselines.toml].
     #[arg(long, value_name = "FILE")]
     pub(crate) recipes: Option<PathBuf>,
-    /// Seeds that GNP is trained with, from that of the configuration on; its row is their mean, and intervals draw
-    /// them.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
-    pub(crate) seeds: u16,
+    /// Seeds that everything learned is trained with, from that of the configuration on [default: 1]; a row is the mean
+    /// over them, and intervals draw them. GNP as published is trained with the first alone.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) seeds: Option<u16>,
     /// Also train GNP as published on the same windows: as this configuration says [default: configs/paper/NAME.toml].
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     #[expect(clippy::option_option, reason = "absent, given, given with a file")]
     pub(crate) published: Option<Option<PathBuf>>,
+    /// Trainings at a time, each on one thread [default: as many as there are threads]; results do not depend on it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) workers: Option<u16>,
+    /// Prepare the folder, print its jobs and how far each is, and end there. A folder that is prepared is listed.
+    #[arg(long, group = "step", conflicts_with = "workers")]
+    pub(crate) plan: bool,
+    /// With --plan: print the jobs as JSON.
+    #[arg(long, requires = "plan")]
+    pub(crate) json: bool,
+    /// Do one job of the prepared folder --out, such as fold-2/cs_lstm/seed-0, and nothing else.
+    #[arg(long, value_name = "ID", group = "step", requires = "out", conflicts_with_all = PREPARING)]
+    pub(crate) job: Option<String>,
+    /// Score what is trained in the prepared folder --out and write the table.
+    #[arg(long, group = "step", requires = "out", conflicts_with_all = PREPARING)]
+    pub(crate) gather: bool,
+    /// With --gather: leave rows out that are not trained yet, and say so in the table.
+    #[arg(long, requires = "gather")]
+    pub(crate) allow_missing: bool,
 }
+
+/// What only preparation reads; a prepared folder has its own.
+const PREPARING: [&str; 9] =
+    ["dataset", "data_dir", "config", "set", "resume", "recipes", "seeds", "published", "workers"];
 
 /// The machine, and how much is said.
 #[derive(Clone, Debug, Args)]
@@ -521,6 +549,13 @@ mod tests {
             &["gnp", "ablate", "--dataset", "ngsim", "--published"],
             &["gnp", "ablate", "--dataset", "ngsim", "--seeds", "2"],
             &["gnp", "compare", "--dataset", "ngsim", "--from", "r"],
+            &["gnp", "compare", "--job", "fold-1/gnp/seed-0"],
+            &["gnp", "compare", "--out", "t", "--job", "fold-1/gnp/seed-0", "--seeds", "2"],
+            &["gnp", "compare", "--out", "t", "--job", "fold-1/gnp/seed-0", "--gather"],
+            &["gnp", "compare", "--out", "t", "--gather", "--set", "goal.epochs=3"],
+            &["gnp", "compare", "--dataset", "ngsim", "--json"],
+            &["gnp", "compare", "--dataset", "ngsim", "--allow-missing"],
+            &["gnp", "compare", "--dataset", "ngsim", "--workers", "0"],
         ] {
             assert!(Cli::try_parse_from(line).is_err(), "{line:?}");
         }

@@ -7,8 +7,9 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Change, DriveOn, Machine, Measured, Plan, PredictionsOn, Progress as _, Question, RealismPlan, Recipes,
-    ReplayDrivers, Run, RunConfig, Scene, Scores, Simulation, Stage, memory, score_predictions, score_recordings,
+    Change, CompareRequest, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _, Question,
+    RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Simulation, Stage, memory, score_predictions,
+    score_recordings,
 };
 use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;
@@ -49,28 +50,23 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
 /// The command that goes on with what an interrupted one left in `folder`.
 pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
     let folder = folder.display();
-    // A table is resumed with the same words: its folder does not hold the configuration of all of its models.
-    let table = |verb: &str, args: &TableArgs, more: String| {
+    // Resumed with the same words: its folder does not hold the configuration of all of its models.
+    let ablate = |args: &TableArgs| {
         let run = &args.run;
-        let mut line = format!("gnp {verb}");
+        let mut line = "gnp ablate".to_owned();
         let mut add = |flag: &str, value: String| line += &format!(" --{flag} {value}");
         run.dataset.iter().for_each(|dataset| add("dataset", dataset.to_string()));
         run.config.iter().for_each(|file| add("config", file.display().to_string()));
         run.data_dir.iter().for_each(|dir| add("data-dir", dir.display().to_string()));
         run.set.iter().for_each(|setting| add("set", format!("{}={}", setting.key, setting.text)));
-        Some(format!("{line}{more} --resume --out {folder}"))
+        Some(format!("{line} --resume --out {folder}"))
     };
     match command {
-        Command::Compare(args) => {
-            let recipes = args.recipes.as_ref().map(|file| format!(" --recipes {}", file.display()));
-            let published = args.published.as_ref().map(|file| match file {
-                Some(file) => format!(" --published={}", file.display()),
-                None => " --published".to_owned(),
-            });
-            let seeds = (args.seeds > 1).then(|| format!(" --seeds {}", args.seeds));
-            table("compare", &args.table, recipes.into_iter().chain(seeds).chain(published).collect())
-        }
-        Command::Ablate(args) => table("ablate", args, String::new()),
+        // The folder says what it was prepared for.
+        Command::Compare(CompareArgs { job: Some(id), .. }) => Some(format!("gnp compare --job {id} --out {folder}")),
+        Command::Compare(args) if args.plan || args.gather => None,
+        Command::Compare(_) => Some(format!("gnp compare --resume --out {folder}")),
+        Command::Ablate(args) => ablate(args),
         // Done again from the start, which takes seconds.
         Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) => None,
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
@@ -218,18 +214,79 @@ fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<(Plan, RunCo
 }
 
 fn compare(args: &CompareArgs, program: &Program) -> Result<()> {
-    let (plan, config) = table(&args.table, "table1", program)?;
+    // Both are of a prepared folder, which --out names.
+    let prepared = || match &args.table.run.out {
+        Some(folder) => Ok(PreparedTable::open(folder)?),
+        None => bail!("which table? give its folder: --out DIR"),
+    };
+    let on = || crate::machine(&args.table.machine, program);
+    if let Some(id) = &args.job {
+        return Ok(prepared()?.perform(id, &on()?)?);
+    }
+    if args.gather {
+        return Ok(prepared()?.gather(args.allow_missing, &on()?)?);
+    }
+    let asked = comparison(args, program)?;
+    let machine = on()?;
+    if args.plan {
+        return show_plan(&PreparedTable::prepare(&asked, &machine)?, args.json);
+    }
+    let threads = if machine.device.is_cpu() { rayon::current_num_threads() } else { 1 };
+    Ok(gnp::compare(&asked, args.workers.map_or(threads, usize::from), &machine)?)
+}
+
+/// What the command line asks for, or what the folder that it names was prepared for.
+fn comparison(args: &CompareArgs, program: &Program) -> Result<CompareRequest> {
+    let run = &args.table.run;
+    if let (Some(folder), None, None) = (&run.out, run.dataset, &run.config)
+        && (run.resume || args.plan)
+        && CompareRequest::is_in(folder)
+    {
+        if !run.set.is_empty() || args.recipes.is_some() || args.seeds.is_some() || args.published.is_some() {
+            bail!(
+                "{} is prepared; go on with --resume --out alone, or say all that it is to be made of, --dataset or \
+                 --config first",
+                folder.display()
+            );
+        }
+        let mut asked = CompareRequest::read(folder)?;
+        if let Some(dir) = &run.data_dir {
+            asked.plan.data = Some(dir.clone());
+        }
+        return Ok(asked);
+    }
+    let (mut plan, config) = table(&args.table, "table1", program)?;
+    // A list may be looked at again.
+    plan.resume |= args.plan;
     let recipes = match &args.recipes {
         Some(path) => Recipes::read(path)?,
         None => Recipes::embedded()?,
     };
-    let published = match &args.published {
+    let mut asked = CompareRequest::new(plan, recipes);
+    asked.seeds = args.seeds.map_or(1, usize::from);
+    asked.published = match &args.published {
         None => None,
         Some(Some(path)) => Some(RunConfig::read(path, &[])?),
         Some(None) => Some(RunConfig::embedded(&format!("paper/{}", config.dataset), &[])?),
     };
-    let seeds = usize::from(args.seeds);
-    Ok(gnp::compare(&plan, &recipes, seeds, published.as_ref(), &crate::machine(&args.table.machine, program)?)?)
+    Ok(asked)
+}
+
+/// One line a job, or all as JSON. Not through the terminal, which breaks long lines; a closed pipe is no reason to
+/// fail.
+fn show_plan(table: &PreparedTable, json: bool) -> Result<()> {
+    let jobs = table.jobs()?;
+    let mut text = String::new();
+    if json {
+        let value = serde_json::json!({ "folder": table.folder(), "jobs": jobs });
+        text = format!("{value:#}\n");
+    } else {
+        for job in &jobs {
+            text += &format!("{:<6} {}\n", job.state.name(), job.id);
+        }
+    }
+    let _ = io::stdout().lock().write_all(text.as_bytes());
+    Ok(())
 }
 
 fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
