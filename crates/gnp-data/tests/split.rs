@@ -1,5 +1,7 @@
 //! Parts of a split: complete, apart, seeded, and kept in a file.
 
+#![allow(clippy::unwrap_used)] // also outside the test functions
+
 mod scene;
 
 use std::collections::{BTreeMap, BTreeSet};
