@@ -1,22 +1,26 @@
 //! Constant acceleration, until the vehicle is stationary.
 
-use gnp_data::{Forecast, Observation, PredictError, Predictor};
+use gnp_data::{Forecast, Observation, PredictError, Predictor, Window};
 use serde::{Deserialize, Serialize};
 
+use crate::by_site::BySite;
 use crate::motion::{BaselineError, certain, check_span, periods, velocity_and_acceleration};
 use crate::rule::{Rule, parameters, parsed};
+use crate::span::best_span;
 
 const NAME: &str = "constant acceleration";
 
-/// Nothing is fitted: the span is [`ConstantAcceleration::SPAN_S`].
+/// The span is fitted by site.
 pub(crate) const RULE: Rule = Rule::new(
     NAME,
-    "Every vehicle keeps the acceleration of the last second, until it is stationary.",
-    |_| parameters(NAME, &ConstantAcceleration::default()),
-    |of| Ok(Box::new(ConstantAcceleration::new(parsed::<ConstantAcceleration>(NAME, of)?.span_s)?)),
+    "Every vehicle keeps the acceleration of the last moments, until it is stationary.",
+    |training| parameters(NAME, &BySite::fit(training, ConstantAcceleration::fit)?),
+    |of| {
+        Ok(Box::new(parsed::<BySite<ConstantAcceleration>>(NAME, of)?.made(|of| ConstantAcceleration::new(of.span_s))?))
+    },
 );
 
-/// Every vehicle goes on to speed up, slow down and swerve as over the last second.
+/// Every vehicle goes on to speed up, slow down and swerve as over the last moments.
 ///
 /// Vehicles do not drive backwards: while the forward speed would be below 0 it is 0, and there is
 /// no motion sideways either. A vehicle that brakes stops and stays there; a stationary one that
@@ -28,10 +32,8 @@ pub struct ConstantAcceleration {
 }
 
 impl ConstantAcceleration {
-    /// Time the motion is estimated from, s, where nothing else is asked for.
-    ///
-    /// Noise in positions is felt: on the US-101 scenes in `fixtures/` the RMSE at 5 s is 27.1 m, and
-    /// 11.1 m with 3 s; on the I-80 lanes 8.4 m, and 10.2 m with 3 s.
+    /// Time the motion is estimated from, s, where nothing else is asked for and nothing is fitted: noisy positions ask
+    /// for more, smooth ones for less.
     pub const SPAN_S: f64 = 1.;
 
     /// Estimates velocity and acceleration by a least-squares parabola over the last `span_s`
@@ -42,6 +44,21 @@ impl ConstantAcceleration {
     pub fn new(span_s: f64) -> Result<Self, BaselineError> {
         check_span(span_s, Self::SPAN_S)?;
         Ok(Self { span_s })
+    }
+
+    /// The span, from two frames to the whole past, with the least squared error over whole seconds of `windows`
+    /// (training ones).
+    ///
+    /// # Errors
+    /// When there is no window, or they differ in shape or have fewer than three observed frames.
+    pub fn fit(windows: &[Window<'_>]) -> Result<Self, BaselineError> {
+        Self::new(best_span(NAME, windows, 2, Self::new)?)
+    }
+
+    /// Time the motion is estimated from, s.
+    #[must_use]
+    pub fn span_s(&self) -> f64 {
+        self.span_s
     }
 }
 

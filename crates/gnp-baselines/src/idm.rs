@@ -1,23 +1,24 @@
 //! The Intelligent Driver Model along the lane.
 
-use gnp_data::{Forecast, Mode, Neighbour, Observation, PredictError, Predictor, Slot};
+use gnp_data::{Forecast, Mode, Observation, PredictError, Predictor, Window, WindowShape};
 use serde::{Deserialize, Serialize};
 
+use crate::by_site::BySite;
 use crate::motion::{BaselineError, periods, slope, velocity};
 use crate::rule::{Rule, parameters, parsed};
+use crate::velocity::ConstantVelocity;
+
+mod fit;
 
 const NAME: &str = "IDM";
 
-/// Nothing is fitted: drivers are [`IdmParameters::MOTORWAY`].
+/// Drivers are fitted by site.
 pub(crate) const RULE: Rule = Rule::new(
     NAME,
     "Every vehicle follows the one ahead as the Intelligent Driver Model says and stays in its lane.",
-    |_| parameters(NAME, &IdmParameters::MOTORWAY),
-    |of| Ok(Box::new(Idm::new(parsed(NAME, of)?)?)),
+    |training| parameters(NAME, &BySite::fit(training, |windows| Ok(Idm::fit(windows)?.parameters))?),
+    |of| Ok(Box::new(parsed::<BySite<IdmParameters>>(NAME, of)?.made(Idm::new)?)),
 );
-
-/// Time that speeds are estimated from, s: that of [`ConstantVelocity`](crate::ConstantVelocity).
-const SPAN_S: f64 = crate::ConstantVelocity::SPAN_S;
 
 /// No vehicle brakes harder than this, m/s²: dry asphalt.
 const HARDEST_BRAKING: f64 = 9.;
@@ -41,14 +42,12 @@ pub struct IdmParameters {
     pub braking: f64,
     /// Time in which a speed sideways dies away to 1/e, s. Not of the model, which has one dimension.
     pub settling: f64,
+    /// Time that speeds are estimated from, s. Not of the model either.
+    pub span_s: f64,
 }
 
 impl IdmParameters {
-    /// Motorway drivers: Treiber, Kesting, *Traffic Flow Dynamics* (2013), table 11.2.
-    ///
-    /// RMSE at 5 s of 5.9 m on the US-101 scenes in `fixtures/`, where almost every vehicle has a leader
-    /// and constant velocity has 6.8 m; of 8.5 m against 5.4 m on the I-80 lanes, whose leaders are
-    /// often not recorded. With [`IdmParameters::PROPOSED`] it is 6.2 m and 6.6 m.
+    /// Motorway drivers: Treiber, Kesting, *Traffic Flow Dynamics* (2013), table 11.2. A fit starts from them.
     pub const MOTORWAY: Self = Self {
         desired_speed: 120. / 3.6,
         headway: 1.,
@@ -56,6 +55,7 @@ impl IdmParameters {
         acceleration: 1.,
         braking: 1.5,
         settling: 1.,
+        span_s: ConstantVelocity::SPAN_S,
     };
 
     /// The values the model was proposed with: Treiber, Hennecke, Helbing, *Congested traffic states
@@ -71,6 +71,7 @@ impl IdmParameters {
             ("acceleration", self.acceleration, default.acceleration),
             ("braking", self.braking, default.braking),
             ("settling", self.settling, default.settling),
+            ("span_s", self.span_s, default.span_s),
         ];
         match all.into_iter().find(|(_, value, _)| !(value.is_finite() && *value > 0.)) {
             Some((key, value, default)) => Err(BaselineError::Parameter { key, value, default }),
@@ -81,10 +82,9 @@ impl IdmParameters {
 
 /// Every vehicle follows the one ahead as the Intelligent Driver Model says and stays in the lane.
 ///
-/// The leader is the vehicle in the preceding slot at the last observed frame; it goes on at its
-/// speed of that moment. Where no vehicle is seen ahead, the road counts as empty: a vehicle at the edge
-/// of what was recorded sets off towards its desired speed. Both speeds are estimated from positions
-/// as [`ConstantVelocity`](crate::ConstantVelocity) does. Sideways the speed of
+/// The leader is that of the last observed frame ([`Observation::leader`]), recorded or named; it goes on at its
+/// speed of that moment. A vehicle that sees no leader keeps its speed: at the edge of what was recorded the road is
+/// unknown, not empty. Both speeds are estimated from positions as [`ConstantVelocity`] does. Sideways the speed of
 /// the last moments dies away exponentially. No speed forward is ever below 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Idm {
@@ -99,6 +99,23 @@ impl Idm {
     pub fn new(parameters: IdmParameters) -> Result<Self, BaselineError> {
         parameters.check()?;
         Ok(Self { parameters })
+    }
+
+    /// Drivers with the least squared error along the road over whole seconds of `windows` (training ones), near
+    /// [`IdmParameters::MOTORWAY`] where these say little. Their speeds are estimated over the span that suits
+    /// [`ConstantVelocity`] best; `settling` stays. Windows without a leader say nothing.
+    ///
+    /// # Errors
+    /// When there is no window, or they differ in shape or have a single observed frame, or the search fails.
+    pub fn fit(windows: &[Window<'_>]) -> Result<Self, BaselineError> {
+        let span_s = ConstantVelocity::fit(windows)?.span_s();
+        Self::new(fit::fit(windows, IdmParameters { span_s, ..IdmParameters::MOTORWAY })?)
+    }
+
+    /// What its drivers want.
+    #[must_use]
+    pub fn parameters(&self) -> IdmParameters {
+        self.parameters
     }
 
     /// Acceleration at `speed` (m/s), with the leader's speed (m/s) and the gap to it (m), in m/s².
@@ -141,20 +158,46 @@ impl Predictor for Idm {
     }
 }
 
-impl Idm {
-    fn drive(&self, observation: &Observation<'_>) -> Result<Forecast, PredictError> {
+/// A driver and the vehicle ahead at the last observed frame.
+#[derive(Clone, Copy, Debug)]
+struct Follower {
+    /// Speed forward and to the left, m/s.
+    velocity: [f64; 2],
+    leader: Option<Leader>,
+}
+
+impl Follower {
+    fn of(observation: &Observation<'_>, span_s: f64) -> Result<Self, PredictError> {
         let shape = observation.shape();
-        let periods = periods(NAME, shape, SPAN_S, 1)?;
-        let [vx, vy] = velocity(observation, periods);
-        let mut leader = observation.neighbour(Slot::Preceding).map(|leader| {
+        let periods = periods(NAME, shape, span_s, 1)?;
+        let leader = observation.leader().map(|leader| {
             let gap = leader.now().x - (leader.size()[0] + observation.size()[0]) / 2.;
             Leader { speed: speed(&leader, shape.t_obs, periods, shape.dt()).max(0.), gap: f64::from(gap) }
         });
-        let (dt, settling) = (shape.dt(), self.parameters.settling);
+        Ok(Self { velocity: velocity(observation, periods), leader })
+    }
+}
+
+impl Idm {
+    fn drive(&self, observation: &Observation<'_>) -> Result<Forecast, PredictError> {
+        let shape = observation.shape();
+        let (dt, IdmParameters { settling, span_s, .. }) = (shape.dt(), self.parameters);
+        let follower = Follower::of(observation, span_s)?;
+        let path = self.roll_out(&follower, shape).zip(1..).map(|(x, j)| {
+            let y = follower.velocity[1] * settling * (1. - (-f64::from(j) * dt / settling).exp());
+            [x as f32, y as f32]
+        });
+        Ok(Forecast { modes: vec![Mode { probability: 1., path: path.collect(), explanation: None }] })
+    }
+
+    /// How far the driver gets after each predicted frame, m.
+    fn roll_out(&self, follower: &Follower, shape: WindowShape) -> impl Iterator<Item = f64> {
+        let dt = shape.dt();
+        let Follower { velocity: [vx, _], mut leader } = *follower;
         let (mut x, mut speed) = (0., vx.max(0.));
-        let path = (1..=shape.t_pred).map(|j| {
+        (0..shape.t_pred).map(move |_| {
             // The acceleration holds for a frame ("ballistic" update), but no vehicle drives backwards.
-            let acceleration = self.acceleration(speed, leader);
+            let acceleration = leader.map_or(0., |leader| self.acceleration(speed, Some(leader)));
             let next = (speed + acceleration * dt).max(0.);
             let driving = if next > 0. || speed <= 0. { dt } else { speed / -acceleration };
             let moved = (speed + next) / 2. * driving;
@@ -163,17 +206,15 @@ impl Idm {
             }
             x += moved;
             speed = next;
-            let y = vy * settling * (1. - (-(j as f64) * dt / settling).exp());
-            [x as f32, y as f32]
-        });
-        Ok(Forecast { modes: vec![Mode { probability: 1., path: path.collect(), explanation: None }] })
+            x
+        })
     }
 }
 
-/// Speed forward of a neighbour, m/s, by least squares over the last `periods` frame periods, or as
+/// Speed forward of a leader, m/s, by least squares over the last `periods` frame periods, or as
 /// many of them as it was there without a gap; that of its state where it has just appeared.
-fn speed(neighbour: &Neighbour<'_>, t_obs: usize, periods: usize, dt: f64) -> f64 {
-    let back = (0..=periods).map_while(|back| neighbour.state(t_obs.checked_sub(1 + back)?));
+fn speed(leader: &gnp_data::Leader<'_>, t_obs: usize, periods: usize, dt: f64) -> f64 {
+    let back = (0..=periods).map_while(|back| leader.state(t_obs.checked_sub(1 + back)?));
     let x: Vec<f64> = back.map(|state| f64::from(state.x)).collect();
-    if x.len() < 2 { f64::from(neighbour.now().vx) } else { slope(x.into_iter().rev()) / dt }
+    if x.len() < 2 { f64::from(leader.now().vx) } else { slope(x.into_iter().rev()) / dt }
 }

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use self::traffic::Spans;
 pub use self::traffic::{SeenVehicle, Traffic};
+use crate::by_site::BySite;
 use crate::motion::{BaselineError, periods, velocity};
 use crate::rule::{Rule, parameters, parsed};
 
@@ -90,14 +91,7 @@ pub struct FittedDrivers {
 }
 
 /// Parameters of the platoon.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PlatoonParameters {
-    /// For sites that have no drivers of their own.
-    pub pooled: FittedDrivers,
-    /// By site.
-    pub sites: BTreeMap<String, FittedDrivers>,
-}
+pub type PlatoonParameters = BySite<FittedDrivers>;
 
 impl Drivers {
     /// What is typical of full motorways; what is not fitted stays like this.
@@ -240,7 +234,7 @@ impl PlatoonRule {
     /// The drivers of a site.
     #[must_use]
     pub fn drivers(&self, site: &str) -> &Drivers {
-        &self.parameters.sites.get(site).unwrap_or(&self.parameters.pooled).drivers
+        &self.parameters.at(site).drivers
     }
 
     /// The terms of [`Motion::acceleration`], in its order.

@@ -1,19 +1,21 @@
 //! Constant velocity.
 
-use gnp_data::{Forecast, Observation, PredictError, Predictor};
+use gnp_data::{Forecast, Observation, PredictError, Predictor, Window};
 use serde::{Deserialize, Serialize};
 
+use crate::by_site::BySite;
 use crate::motion::{BaselineError, certain, check_span, periods, velocity};
 use crate::rule::{Rule, parameters, parsed};
+use crate::span::best_span;
 
 const NAME: &str = "constant velocity";
 
-/// Nothing is fitted: the span is [`ConstantVelocity::SPAN_S`].
+/// The span is fitted by site.
 pub(crate) const RULE: Rule = Rule::new(
     NAME,
     "Every vehicle keeps the velocity of the last moments.",
-    |_| parameters(NAME, &ConstantVelocity::default()),
-    |of| Ok(Box::new(ConstantVelocity::new(parsed::<ConstantVelocity>(NAME, of)?.span_s)?)),
+    |training| parameters(NAME, &BySite::fit(training, ConstantVelocity::fit)?),
+    |of| Ok(Box::new(parsed::<BySite<ConstantVelocity>>(NAME, of)?.made(|of| ConstantVelocity::new(of.span_s))?)),
 );
 
 /// Every vehicle keeps the velocity of the last moments: the first thing to be better than.
@@ -24,12 +26,8 @@ pub struct ConstantVelocity {
 }
 
 impl ConstantVelocity {
-    /// Time the velocity is estimated from, s, where nothing else is asked for.
-    ///
-    /// Of all spans it has the smallest error at every horizon on the US-101 scenes in `fixtures/`,
-    /// whose positions are noisy: RMSE at 5 s of 6.77 m, against 8.27 m with one frame (0.1 s), 6.83 m
-    /// with 1 s and 8.26 m with 3 s. Smooth positions ask for less: on the I-80 lanes it is 5.40 m
-    /// against 4.93 m with one frame.
+    /// Time the velocity is estimated from, s, where nothing else is asked for and nothing is fitted: noisy positions ask
+    /// for more, smooth ones for less.
     pub const SPAN_S: f64 = 0.8;
 
     /// Estimates the velocity by least squares over the last `span_s` seconds of positions, rounded
@@ -40,6 +38,21 @@ impl ConstantVelocity {
     pub fn new(span_s: f64) -> Result<Self, BaselineError> {
         check_span(span_s, Self::SPAN_S)?;
         Ok(Self { span_s })
+    }
+
+    /// The span, from one frame to the whole past, with the least squared error over whole seconds of `windows`
+    /// (training ones).
+    ///
+    /// # Errors
+    /// When there is no window, or they differ in shape or have a single observed frame.
+    pub fn fit(windows: &[Window<'_>]) -> Result<Self, BaselineError> {
+        Self::new(best_span(NAME, windows, 1, Self::new)?)
+    }
+
+    /// Time the motion is estimated from, s.
+    #[must_use]
+    pub fn span_s(&self) -> f64 {
+        self.span_s
     }
 }
 

@@ -79,7 +79,8 @@ fn the_kalman_filter_of_the_registry_is_a_fitted_one() {
     let training = recordings.each_ref().map(window);
     let kalman = RULES.iter().find(|rule| rule.name() == "Kalman filter").unwrap();
     let fitted = gnp_baselines::Kalman::fit(&training).unwrap();
-    assert_eq!(kalman.fit(&training).unwrap(), serde_json::to_value(fitted).unwrap());
+    let of_one_site = serde_json::json!({ "pooled": fitted, "sites": {} });
+    assert_eq!(kalman.fit(&training).unwrap(), of_one_site);
     assert_ne!(fitted.noise(), gnp_baselines::Kalman::NOISE);
     assert!(kalman.fit(&[]).unwrap_err().to_string().contains("training windows"));
 }
@@ -101,6 +102,45 @@ fn foreign_parameters_are_refused_with_the_name_of_the_rule() {
             assert!(error.contains(rule.name()), "{error}");
         }
     }
-    let backwards = serde_json::json!({ "span_s": -1. });
+    // Files from before parameters were fitted by site are refused as well.
+    assert!(RULES[0].load(&serde_json::json!({ "span_s": 0.8 })).is_err());
+    let backwards = serde_json::json!({ "pooled": { "span_s": -1. }, "sites": {} });
     assert!(RULES[0].load(&backwards).err().unwrap().to_string().contains("positive"));
+}
+
+/// A vehicle of 20 m/s whose observed frames are off by `noise` m, now ahead, now behind, and whose speed grows by `gain` m/s².
+fn driven(site: &str, name: &str, noise: f64, gain: f64) -> Recording {
+    let at = |t: f64| {
+        let frame = (t * 10.).round();
+        let sign = if (frame as i64).rem_euclid(2) == 0 { 1. } else { -1. };
+        // The last observed frame is the origin, and true.
+        [20. * t + gain * t * t / 2. + if frame < 0. { noise * sign } else { 0. }, 0.]
+    };
+    let made = road(SHAPE, SHAPE.t_pred, &[Car { from: 0, at: &at }]);
+    let meta = gnp_data::RecordingMeta::new(made.meta().dataset, site, name, SHAPE.rate_hz);
+    Recording::from_parts(meta, made.roads().to_vec(), made.tracks().to_vec(), made.columns().clone()).unwrap()
+}
+
+#[test]
+fn each_site_has_the_span_that_suits_it_and_small_sites_what_suits_all() {
+    let name = |site: &str, i: usize| format!("{site}-{i}");
+    let of = |site: &'static str, count, noise, gain| {
+        (0..count).map(move |i| driven(site, &name(site, i), noise, gain)).collect::<Vec<_>>()
+    };
+    let mut recordings = of("noisy", 20, 0.3, 0.);
+    recordings.extend(of("smooth", 20, 0., 1.));
+    recordings.extend(of("small", 19, 0., 1.));
+    let training: Vec<Window<'_>> = recordings.iter().map(window).collect();
+    let velocity = RULES.iter().find(|rule| rule.name() == "constant velocity").unwrap();
+    let fitted = velocity.fit(&training).unwrap();
+    let span = |value: &Parameters| value["span_s"].as_f64().unwrap();
+    // What speeds up is best told from the last frame, what is noisy from many.
+    assert_eq!(span(&fitted["sites"]["smooth"]), 0.1);
+    assert!(span(&fitted["sites"]["noisy"]) > 1., "{fitted}");
+    assert_eq!(fitted["sites"].as_object().unwrap().len(), 2, "19 vehicles are too few: {fitted}");
+    // The predictor takes the site's own.
+    let predictor = velocity.load(&fitted).unwrap();
+    let alone = velocity.load(&velocity.fit(&training[20..40]).unwrap()).unwrap();
+    assert_eq!(path(predictor.as_ref(), SHAPE, &recordings[25]), path(alone.as_ref(), SHAPE, &recordings[25]));
+    assert!(velocity.fit(&[]).unwrap_err().to_string().contains("training windows"));
 }

@@ -301,6 +301,20 @@ pub enum DataError {
         /// Name of the second recording.
         second: String,
     },
+    /// A driver of two recordings in two parts.
+    #[error(
+        "vehicle {vehicle} of {first} and vehicle {other} of {second} are one driver in two parts of the split; make it anew"
+    )]
+    SharedDriver {
+        /// Name of the first recording.
+        first: String,
+        /// Number of the driver there.
+        vehicle: u32,
+        /// Name of the second recording.
+        second: String,
+        /// Number of the driver there.
+        other: u32,
+    },
     /// A split of other recordings.
     #[error("the split names windows that these recordings do not hold; take the recordings it was made of")]
     ForeignSplit,

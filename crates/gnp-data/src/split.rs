@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use crate::error::DataError;
-use crate::overlap::{Overlap, groups};
+use crate::overlap::{Drivers, Overlap, groups};
 use crate::window::WindowId;
 use crate::windows::WindowSet;
 
@@ -20,10 +20,10 @@ use assign::Dealing;
 #[serde(rename_all = "lowercase")]
 pub enum SplitKind {
     /// Whole recordings: nothing of the traffic seen in training comes again. Recordings that show
-    /// the same vehicles stay together.
+    /// the same vehicles stay together, and a driver who is in others, too, is left out there.
     Recording,
     /// Whole vehicles, within each recording: the convention of the NGSIM literature. A vehicle of
-    /// the test part may be a neighbour in training.
+    /// the test part may be a neighbour in training. A driver of several recordings is one vehicle.
     Vehicle,
     /// The first stretch of each recording trains, the next validates, the last tests. Windows that
     /// reach from one stretch into the next are dropped and counted.
@@ -92,7 +92,7 @@ pub struct SplitConfig {
     /// Number of folds of a cross-validation; 1 parts the windows once, by the shares. With more,
     /// what is kept in one part is dealt into so many folds of like size, of which one is the test
     /// part; training and validation divide the others in the proportion of their shares. Over all
-    /// folds each window is tested once.
+    /// folds each window that is in a part is tested once.
     pub folds: usize,
     /// Which fold is the test part, from 1.
     pub fold: usize,
@@ -158,6 +158,7 @@ pub struct Split {
     kinds: BTreeMap<String, SplitKind>,
     seed: u64,
     dropped_at_boundary: BTreeMap<String, usize>,
+    dropped_drivers: BTreeMap<String, usize>,
     overlaps: Vec<Overlap>,
     hash: String,
 }
@@ -168,6 +169,7 @@ struct Origin {
     kinds: BTreeMap<String, SplitKind>,
     seed: u64,
     dropped_at_boundary: BTreeMap<String, usize>,
+    dropped_drivers: BTreeMap<String, usize>,
     overlaps: Vec<Overlap>,
 }
 
@@ -180,6 +182,11 @@ impl Split {
     /// frames (`time`, in each recording) or windows (`window`). `overlaps` are what
     /// [`overlaps`](crate::overlaps) found in the recordings. By `recording` those that overlap stay
     /// together; by any other kind they may not, and the split [leaks](Split::leaks).
+    ///
+    /// No driver ([`Drivers`]) is in two parts by `recording` and `vehicle`, nor tested in two folds. By `recording` a driver
+    /// of recordings that do not stay together keeps the windows where it has most of them (of several places the first by
+    /// name); the others are in no part and [counted](Split::dropped_drivers). By `vehicle` drivers are drawn, in the
+    /// recording where they have most windows, and their windows elsewhere go with them.
     ///
     /// # Errors
     /// When the configuration is wrong, a part of one kind is left without windows, or the result
@@ -195,14 +202,14 @@ impl Split {
             tracing::warn!("the split names site {site}, of which there is no recording");
         }
         let groups = groups(set.recordings(), overlaps);
+        let drivers = Drivers::of(set.recordings(), overlaps);
         let mut parts = <[Vec<WindowId>; 3]>::default();
-        let mut dropped_at_boundary = BTreeMap::new();
+        let (mut dropped_at_boundary, mut dropped_drivers) = (BTreeMap::new(), BTreeMap::new());
         for kind in BTreeSet::from_iter(kinds.values().copied()) {
             let ids = set.ids().iter().copied().filter(|id| kind_of(set, *id, &kinds) == Some(kind)).collect();
-            let assigned = assign::assign(set, ids, kind, &groups, config.dealing(), config.seed);
-            for (name, dropped) in assigned.dropped_at_boundary {
-                dropped_at_boundary.insert(name, dropped);
-            }
+            let assigned = assign::assign(set, ids, kind, &groups, &drivers, config.dealing(), config.seed);
+            dropped_at_boundary.extend(assigned.dropped_at_boundary);
+            dropped_drivers.extend(assigned.dropped_drivers);
             for (part, ids) in Subset::ALL.into_iter().zip(assigned.parts) {
                 if ids.is_empty() {
                     let sites = kinds.iter().filter(|(_, k)| **k == kind).map(|(site, _)| site.clone()).collect();
@@ -219,7 +226,8 @@ impl Split {
         for ids in &mut parts {
             ids.sort_unstable();
         }
-        let origin = Origin { kinds, seed: config.seed, dropped_at_boundary, overlaps: overlaps.to_vec() };
+        let (seed, overlaps) = (config.seed, overlaps.to_vec());
+        let origin = Origin { kinds, seed, dropped_at_boundary, dropped_drivers, overlaps };
         let split = Self::with_hash(set, parts, origin);
         split.check(set)?;
         Ok(split)
@@ -235,8 +243,8 @@ impl Split {
 
     fn with_hash(set: &WindowSet<'_>, parts: [Vec<WindowId>; 3], origin: Origin) -> Self {
         let hash = saved::hash(set, &parts);
-        let Origin { kinds, seed, dropped_at_boundary, overlaps } = origin;
-        Self { parts, kinds, seed, dropped_at_boundary, overlaps, hash }
+        let Origin { kinds, seed, dropped_at_boundary, dropped_drivers, overlaps } = origin;
+        Self { parts, kinds, seed, dropped_at_boundary, dropped_drivers, overlaps, hash }
     }
 
     /// Windows of a part, by recording, track and row.
@@ -279,6 +287,12 @@ impl Split {
     #[must_use]
     pub fn dropped_at_boundary(&self) -> &BTreeMap<String, usize> {
         &self.dropped_at_boundary
+    }
+
+    /// Windows in no part, whichever fold is tested, by recording: those of drivers who are kept with other recordings.
+    #[must_use]
+    pub fn dropped_drivers(&self) -> &BTreeMap<String, usize> {
+        &self.dropped_drivers
     }
 
     /// SHA-256, in hex, of a text that lists the windows' shape and every part's windows by name.

@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use gnp_data::{
-    Dataset, Drivers, Expectation, Recording, Slot, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowSet,
-    discover, groups, overlaps, read,
+    Dataset, Drivers, Expectation, Recording, Slot, Split, SplitConfig, SplitKind, Subset, WindowConfig, WindowId,
+    WindowSet, discover, groups, overlaps, read,
 };
 
 fn embedded(folder: &str, dataset: Dataset) -> Vec<Recording> {
@@ -79,6 +79,7 @@ fn simulated_recordings_give_windows_of_a_full_three_seconds() {
     for kind in [SplitKind::Recording, SplitKind::Vehicle, SplitKind::Time] {
         let split = Split::new(&set, &split_config(kind, BTreeMap::new()), &[]).unwrap();
         let count: usize = Subset::ALL.iter().map(|part| split.subset(*part).len()).sum();
+        assert!(split.dropped_drivers().is_empty(), "{kind:?}: numbers mean other vehicles in each recording");
         assert_eq!(count + split.dropped_at_boundary().values().sum::<usize>(), set.len(), "{kind:?}");
     }
     // Everybody drives forward, on both carriageways.
@@ -167,4 +168,37 @@ fn a_us_101_driver_is_the_same_in_every_scene() {
 /// Number in the name of a scene of US-101, 0 for I-80.
 fn scene_number(name: &str) -> u32 {
     name.trim_start_matches("us101-").trim_end_matches("_1").parse().unwrap_or(0)
+}
+
+#[test]
+fn over_the_folds_no_driver_is_tested_twice_or_in_two_parts() {
+    let recordings = embedded("ngsim", Dataset::NGSIM);
+    let config =
+        WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 10., stride_s: 1., site_stride_s: Default::default() };
+    let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
+    let overlaps = overlaps(&recordings);
+    let sites = BTreeMap::from([("i-80".to_owned(), SplitKind::Vehicle)]);
+    // By number and size, which is what they are known by on these sites.
+    let driver = |id: &WindowId| {
+        let recording = set.recording(*id).unwrap();
+        let track = &recording.tracks()[id.track as usize];
+        (recording.meta().site.clone(), track.vehicle, track.length.to_bits(), track.width.to_bits())
+    };
+    let mut tested = BTreeSet::new();
+    let mut dropped = BTreeSet::new();
+    for fold in 1..=3 {
+        let config = SplitConfig { folds: 3, fold, ..split_config(SplitKind::Recording, sites.clone()) };
+        let split = Split::new(&set, &config, &overlaps).unwrap();
+        let parts = Subset::ALL.map(|part| split.subset(part).iter().map(driver).collect::<BTreeSet<_>>());
+        assert!(parts[0].is_disjoint(&parts[1]) && parts[0].is_disjoint(&parts[2]) && parts[1].is_disjoint(&parts[2]));
+        assert!(tested.is_disjoint(&parts[2]), "fold {fold}");
+        tested.extend(parts[2].iter().cloned());
+        dropped.insert(split.dropped_drivers().clone());
+    }
+    assert_eq!(tested, set.ids().iter().map(driver).collect(), "each driver is tested once");
+    assert_eq!(
+        dropped,
+        BTreeSet::from([BTreeMap::from([("us101-15_1".to_owned(), 1)])]),
+        "the same windows are left out of every fold"
+    );
 }

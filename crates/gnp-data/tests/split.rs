@@ -1,5 +1,7 @@
 //! Parts of a split: complete, apart, seeded, and kept in a file.
 
+#![allow(clippy::unwrap_used)] // also outside the test functions
+
 mod scene;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,14 +25,29 @@ fn scenes(site: &str) -> Vec<Recording> {
                 snippets.push((vehicle, 1, 200 + vehicle, 25));
             }
         }
-        recording(&format!("{site}-{r}"), site, 10., &snippets)
+        own_sizes(recording(&format!("{site}-{r}"), site, 10., &snippets), r)
     };
     (0..17).map(scene).collect()
 }
 
 /// Vehicles without end: 400 frames each.
 fn long(name: &str, site: &str, vehicles: u32) -> Recording {
-    recording(name, site, 10., &(1..=vehicles).map(|v| (v, 0, 0, 400)).collect::<Vec<_>>())
+    let seed = name.bytes().map(u32::from).sum();
+    own_sizes(recording(name, site, 10., &(1..=vehicles).map(|v| (v, 0, 0, 400)).collect::<Vec<_>>()), seed)
+}
+
+/// The same with sizes by number and `seed`: equal numbers of recordings with different seeds are different drivers.
+fn own_sizes(recording: Recording, seed: u32) -> Recording {
+    resized(recording, |vehicle| {
+        4. + (vehicle.wrapping_add(seed * 1000).wrapping_mul(2_654_435_761) >> 20) as f32 / 1000.
+    })
+}
+
+fn resized(recording: Recording, length: impl Fn(u32) -> f32) -> Recording {
+    let mut tracks = recording.tracks().to_vec();
+    tracks.iter_mut().for_each(|track| track.length = length(track.vehicle));
+    Recording::from_parts(recording.meta().clone(), recording.roads().to_vec(), tracks, recording.columns().clone())
+        .unwrap()
 }
 
 fn all(split: &Split) -> Vec<WindowId> {
@@ -362,4 +379,89 @@ fn an_overlap_that_is_not_kept_together_is_called_a_leak_and_kept_in_the_file() 
     std::fs::write(&path, text.replace("\"overlaps\":[]", &known)).unwrap();
     let error = Split::load(&set, &path).unwrap_err();
     assert!(matches!(error, DataError::SharedVehicles { .. }), "{error}");
+}
+
+/// Twelve recordings of six drivers each, numbered through; driver 1 is in the first two as well, with more windows in the
+/// second, driver 20 in the fourth and, as often, in the seventh.
+fn with_shared_drivers() -> Vec<Recording> {
+    let of = |r: u32| {
+        let mut snippets: Vec<_> = (1..=6).map(|v| (6 * r + v, 0, 0, 40)).collect();
+        match r {
+            0 => snippets[0].3 = 20,
+            1 => snippets.insert(0, (1, 0, 100, 40)),
+            6 => snippets.insert(0, (20, 0, 100, 40)),
+            _ => {}
+        }
+        resized(recording(&format!("s-{r:02}"), "s", 10., &snippets), |vehicle| 4. + vehicle as f32 / 16.)
+    };
+    (0..12).map(of).collect()
+}
+
+#[test]
+fn a_driver_of_recordings_that_are_not_kept_together_stays_where_it_has_most_windows() {
+    let recordings = with_shared_drivers();
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let windows = |recording: &str, vehicle: u32| {
+        let of = |id: &&WindowId| {
+            set.get(**id).map(|w| w.key()).is_some_and(|k| k.recording == recording && k.vehicle == vehicle)
+        };
+        set.ids().iter().filter(of).count()
+    };
+    let dropped = BTreeMap::from([("s-00".to_owned(), windows("s-00", 1)), ("s-06".to_owned(), windows("s-06", 20))]);
+    assert!(dropped.values().all(|count| *count > 0) && windows("s-03", 20) == windows("s-06", 20));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("split.json");
+    for seed in 0..5 {
+        let mut tested = Vec::new();
+        for fold in 1..=3 {
+            let split =
+                Split::new(&set, &SplitConfig { folds: 3, fold, ..config(SplitKind::Recording, seed) }, &[]).unwrap();
+            assert_eq!(split.dropped_drivers(), &dropped, "the same for every fold");
+            assert_eq!(all(&split).len() + dropped.values().sum::<usize>(), set.len());
+            tested.extend_from_slice(split.test());
+            split.save(&set, &path).unwrap();
+            assert_eq!(Split::load(&set, &path).unwrap(), split);
+        }
+        let keys: BTreeSet<_> =
+            tested.iter().filter_map(|id| set.get(*id).map(|w| (w.key().recording, w.key().vehicle))).collect();
+        assert_eq!(keys.len(), 72, "each driver is tested once");
+        assert!(keys.contains(&("s-01".to_owned(), 1)) && keys.contains(&("s-03".to_owned(), 20)));
+    }
+}
+
+#[test]
+fn by_vehicle_a_driver_of_two_recordings_is_drawn_once() {
+    let recordings = with_shared_drivers();
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    for seed in 0..20 {
+        let split = Split::new(&set, &config(SplitKind::Vehicle, seed), &[]).unwrap();
+        assert_eq!(all(&split).len(), set.len(), "nothing is dropped");
+        assert!(split.dropped_drivers().is_empty());
+        for driver in [1, 20] {
+            let parts = Subset::ALL
+                .map(|part| split.subset(part).iter().any(|id| set.get(*id).unwrap().key().vehicle == driver));
+            assert_eq!(parts.iter().filter(|part| **part).count(), 1, "seed {seed}");
+        }
+    }
+}
+
+#[test]
+fn a_file_with_a_driver_in_two_parts_is_refused() {
+    // Made while sizes told the drivers apart.
+    let recordings = with_shared_drivers();
+    let unlike: Vec<Recording> =
+        recordings.iter().cloned().zip(0..).map(|(recording, r)| own_sizes(recording, r)).collect();
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    let (unaware, _) = WindowSet::cut(&unlike, &short_windows()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("split.json");
+    let refused = (0..10).filter(|seed| {
+        Split::new(&unaware, &config(SplitKind::Recording, *seed), &[]).unwrap().save(&unaware, &path).unwrap();
+        match Split::load(&set, &path).map_err(|error| (error.to_string(), error)) {
+            Ok(_) => false,
+            Err((_, DataError::SharedDriver { vehicle, other, .. })) => vehicle == other && [1, 20].contains(&vehicle),
+            Err((message, _)) => panic!("{message}"),
+        }
+    });
+    assert!(refused.count() > 0);
 }

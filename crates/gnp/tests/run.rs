@@ -53,7 +53,7 @@ fn rules_are_fitted_once_and_kept_with_the_run() {
     let again = run.scores().unwrap();
     assert_eq!(again.scores, scores.scores);
     let mut changed: serde_json::Value = serde_json::from_str(&fitted).unwrap();
-    let wander = &mut changed["rules"]["Kalman filter"]["noise"][0]["wander"];
+    let wander = &mut changed["rules"]["Kalman filter"]["pooled"]["noise"][0]["wander"];
     *wander = (wander.as_f64().unwrap() * 3.).into();
     std::fs::write(&file, changed.to_string()).unwrap();
     run.forget(Stage::Evaluate).unwrap();

@@ -10,10 +10,9 @@ use rayon::prelude::*;
 
 use super::traffic::Traffic;
 use super::{Drivers, FittedDrivers, Motion, PlatoonParameters, PlatoonRule, roll_out, spans};
+use crate::by_site::LEAST_VEHICLES;
 use crate::motion::BaselineError;
 
-/// Vehicles that a site must have for drivers of its own.
-const LEAST_VEHICLES: usize = 20;
 /// Windows a fit looks at; of more, every n-th.
 const MOST_WINDOWS: usize = 1000;
 /// Steps of the search; it ends sooner where it finds nothing better.

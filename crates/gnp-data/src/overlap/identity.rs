@@ -178,8 +178,7 @@ mod tests {
         for (a, b) in [((0, 4), (1, 0)), ((0, 7), (1, 3)), ((1, 8), (2, 0))] {
             assert_eq!(drivers.driver(a.0, a.1), drivers.driver(b.0, b.1), "{a:?}, {b:?}");
         }
-        let distinct =
-            (0..3).flat_map(|r| (0..9).filter_map(move |t| Some((r, t)))).filter_map(|(r, t)| drivers.driver(r, t));
+        let distinct = (0..3).flat_map(|r| (0..9).map(move |t| (r, t))).filter_map(|(r, t)| drivers.driver(r, t));
         assert_eq!(std::collections::BTreeSet::from_iter(distinct).len(), 20);
         let events = [0, 1, 2].map(|recording| drivers.event(recording, 0));
         assert!(events[0] != events[1] && events[1] != events[2] && events[0] != events[2]);

@@ -8,13 +8,18 @@ use rand_chacha::ChaCha8Rng;
 use sha2::{Digest as _, Sha256};
 
 use super::{SplitKind, Subset, frames_of};
+use crate::overlap::Drivers;
 use crate::window::WindowId;
 use crate::windows::WindowSet;
 
-/// Windows by part, and how many fell between two, by recording.
+/// Windows by part, and how many are in none, by recording.
+#[derive(Default)]
 pub(super) struct Assigned {
     pub(super) parts: [Vec<WindowId>; 3],
+    /// Those between two stretches of time.
     pub(super) dropped_at_boundary: BTreeMap<String, usize>,
+    /// Those of drivers who are kept elsewhere.
+    pub(super) dropped_drivers: BTreeMap<String, usize>,
 }
 
 /// How things are dealt out to the parts.
@@ -47,16 +52,18 @@ impl Dealing {
     }
 }
 
-/// Parts the windows `ids` of `set`, all of one kind. Recordings with equal `groups` belong together.
+/// Parts the windows `ids` of `set`, all of one kind. Recordings with equal `groups` belong together, and so do the tracks
+/// of one of `drivers` by kinds that promise that.
 pub(super) fn assign(
     set: &WindowSet<'_>,
     ids: Vec<WindowId>,
     kind: SplitKind,
     groups: &[usize],
+    drivers: &Drivers,
     dealing: Dealing,
     seed: u64,
 ) -> Assigned {
-    let mut assigned = Assigned { parts: Default::default(), dropped_at_boundary: BTreeMap::new() };
+    let mut assigned = Assigned::default();
     let mut by_name: BTreeMap<&str, Vec<WindowId>> = BTreeMap::new();
     let name = |recording: usize| set.recordings()[recording].meta().name.as_str();
     let together: Vec<&str> = if kind == SplitKind::Recording {
@@ -75,29 +82,36 @@ pub(super) fn assign(
             |ids: &Vec<WindowId>| ids.iter().map(|id| (id.recording, id.track)).collect::<BTreeSet<_>>().len();
         let sizes: Vec<usize> = by_name.values().map(vehicles).collect();
         let parts = whole_groups(&sizes, dealing, &mut rng(seed, "recordings"));
-        for (part, ids) in parts.into_iter().zip(by_name.into_values()) {
-            assigned.parts[part as usize].extend(ids);
+        // Dealt before a window is dropped, so that recordings fall where they would without shared drivers.
+        let homes = homes(&by_name, drivers);
+        for (part, (group, ids)) in parts.into_iter().zip(by_name) {
+            for id in ids {
+                if driver(drivers, id).is_none_or(|driver| homes[&driver] == group) {
+                    assigned.parts[part as usize].push(id);
+                } else {
+                    *assigned.dropped_drivers.entry(name(id.recording as usize).to_owned()).or_insert(0) += 1;
+                }
+            }
         }
+        return assigned;
+    }
+    if kind == SplitKind::Vehicle {
+        assign_by_driver(
+            set,
+            by_name,
+            drivers,
+            |name, count| drawn(count, dealing, &mut rng(seed, name)),
+            &mut assigned,
+        );
         return assigned;
     }
     for (name, ids) in by_name {
         match kind {
-            SplitKind::Vehicle => {
-                let mut of_vehicle: BTreeMap<u32, Vec<WindowId>> = BTreeMap::new();
-                for id in ids {
-                    let tracks = set.recordings()[id.recording as usize].tracks();
-                    of_vehicle.entry(tracks[id.track as usize].vehicle).or_default().push(id);
-                }
-                let parts = drawn(of_vehicle.len(), dealing, &mut rng(seed, name));
-                for (part, ids) in parts.into_iter().zip(of_vehicle.into_values()) {
-                    assigned.parts[part as usize].extend(ids);
-                }
-            }
             SplitKind::Time => {
                 let dropped_at_boundary = assign_by_time(set, &ids, dealing.shares, &mut assigned.parts);
                 assigned.dropped_at_boundary.insert(name.to_owned(), dropped_at_boundary);
             }
-            SplitKind::Window | SplitKind::Recording => {
+            SplitKind::Window | SplitKind::Vehicle | SplitKind::Recording => {
                 let parts = drawn(ids.len(), dealing, &mut rng(seed, name));
                 for (part, id) in parts.into_iter().zip(ids) {
                     assigned.parts[part as usize].push(id);
@@ -106,6 +120,59 @@ pub(super) fn assign(
         }
     }
     assigned
+}
+
+fn driver(drivers: &Drivers, id: WindowId) -> Option<usize> {
+    drivers.driver(id.recording as usize, id.track as usize)
+}
+
+/// For each driver the recordings (under the name of what is kept together) in which it has most windows; of several the
+/// first by name.
+fn homes<'a>(by_name: &BTreeMap<&'a str, Vec<WindowId>>, drivers: &Drivers) -> BTreeMap<usize, &'a str> {
+    let mut most: BTreeMap<usize, (usize, &str)> = BTreeMap::new();
+    for (name, ids) in by_name {
+        let mut windows: BTreeMap<usize, usize> = BTreeMap::new();
+        for driver in ids.iter().filter_map(|id| driver(drivers, *id)) {
+            *windows.entry(driver).or_insert(0) += 1;
+        }
+        for (driver, count) in windows {
+            let home = most.entry(driver).or_insert((0, *name));
+            if count > home.0 {
+                *home = (count, *name);
+            }
+        }
+    }
+    most.into_iter().map(|(driver, (_, name))| (driver, name)).collect()
+}
+
+/// Draws the drivers of each recording, those who are most often in it; their windows elsewhere go with them.
+fn assign_by_driver(
+    set: &WindowSet<'_>,
+    by_name: BTreeMap<&str, Vec<WindowId>>,
+    drivers: &Drivers,
+    draw: impl Fn(&str, usize) -> Vec<Subset>,
+    assigned: &mut Assigned,
+) {
+    let homes = homes(&by_name, drivers);
+    let mut part_of: BTreeMap<usize, Subset> = BTreeMap::new();
+    for (name, ids) in &by_name {
+        // In the order of vehicle numbers, which does not depend on other recordings.
+        let mut vehicles: BTreeMap<usize, u32> = BTreeMap::new();
+        for id in ids {
+            if let Some(driver) = driver(drivers, *id).filter(|driver| homes[driver] == *name) {
+                let vehicle = set.recordings()[id.recording as usize].tracks()[id.track as usize].vehicle;
+                vehicles.entry(driver).and_modify(|least| *least = vehicle.min(*least)).or_insert(vehicle);
+            }
+        }
+        let mut order: Vec<(u32, usize)> = vehicles.into_iter().map(|(driver, vehicle)| (vehicle, driver)).collect();
+        order.sort_unstable();
+        part_of.extend(order.iter().map(|(_, driver)| *driver).zip(draw(name, order.len())));
+    }
+    for id in by_name.into_values().flatten() {
+        if let Some(part) = driver(drivers, id).and_then(|driver| part_of.get(&driver)) {
+            assigned.parts[*part as usize].push(id);
+        }
+    }
 }
 
 /// A generator for one recording, so that what is drawn for it does not depend on the others.

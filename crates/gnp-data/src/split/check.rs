@@ -1,21 +1,23 @@
-//! No frame of a vehicle in two parts.
+//! No frame of a vehicle, and no driver, in two parts.
 
 use std::collections::BTreeMap;
 
 use super::{Split, SplitKind, Subset, frames_of, kind_of};
 use crate::error::DataError;
-use crate::overlap::Overlap;
+use crate::overlap::{Drivers, Overlap};
 use crate::recording::Recording;
+use crate::window::WindowId;
 use crate::windows::WindowSet;
 
 impl Split {
     /// Checks, at all sites but those of kind `window`, that no recorded frame of a target vehicle
     /// stands in two parts, that under `vehicle` all stretches of a vehicle are in one part, and
-    /// under `recording` all windows of a recording and of those that overlap it.
+    /// under `recording` all windows of a recording and of those that overlap it, and under both all windows of a driver.
     ///
     /// # Errors
     /// [`DataError::SharedFrame`] with a vehicle that stands in two parts,
-    /// [`DataError::SharedVehicles`] with two recordings that overlap and do,
+    /// [`DataError::SharedVehicles`] with two recordings that overlap and do, [`DataError::SharedDriver`] with a driver of
+    /// two recordings who does,
     /// [`DataError::ForeignSplit`] when `set` does not hold the windows.
     pub fn check(&self, set: &WindowSet<'_>) -> Result<(), DataError> {
         let mut whole: BTreeMap<(u32, Option<u32>), Subset> = BTreeMap::new();
@@ -60,6 +62,28 @@ impl Split {
                 && a != b
             {
                 return Err(DataError::SharedVehicles { first: first.clone(), second: second.clone() });
+            }
+        }
+        self.check_drivers(set)
+    }
+
+    fn check_drivers(&self, set: &WindowSet<'_>) -> Result<(), DataError> {
+        let whole =
+            |id: &&WindowId| matches!(kind_of(set, **id, &self.kinds), Some(SplitKind::Recording | SplitKind::Vehicle));
+        let drivers = Drivers::of(set.recordings(), &self.overlaps);
+        let mut seen: BTreeMap<usize, (Subset, WindowId)> = BTreeMap::new();
+        for part in Subset::ALL {
+            for id in self.subset(part).iter().filter(whole) {
+                let Some(driver) = drivers.driver(id.recording as usize, id.track as usize) else { continue };
+                let (first_part, first) = *seen.entry(driver).or_insert((part, *id));
+                if first_part != part {
+                    let of = |id: WindowId| {
+                        let recording = &set.recordings()[id.recording as usize];
+                        (recording.meta().name.clone(), recording.tracks()[id.track as usize].vehicle)
+                    };
+                    let ((first, vehicle), (second, other)) = (of(first), of(*id));
+                    return Err(DataError::SharedDriver { first, vehicle, second, other });
+                }
             }
         }
         Ok(())

@@ -38,6 +38,9 @@ struct SplitFile {
     leaks: bool,
     seed: u64,
     dropped_at_boundary: BTreeMap<String, usize>,
+    /// Absent where no driver was known to be in several recordings.
+    #[serde(default)]
+    dropped_drivers: BTreeMap<String, usize>,
     overlaps: Vec<Overlap>,
     train: Names,
     validation: Names,
@@ -59,6 +62,7 @@ impl Split {
             leaks: self.leaks(),
             seed: self.seed,
             dropped_at_boundary: self.dropped_at_boundary.clone(),
+            dropped_drivers: self.dropped_drivers.clone(),
             overlaps: self.overlaps.clone(),
             train: names(set, self.train()),
             validation: names(set, self.validation()),
@@ -77,7 +81,7 @@ impl Split {
     /// # Errors
     /// [`DataError::Io`] when the file cannot be read; [`DataError::SplitFile`] when it is no split, was changed,
     /// is of windows of another shape, or names a window that `set` does not hold;
-    /// [`DataError::SharedFrame`] when it does not pass [`Split::check`].
+    /// that of [`Split::check`] when it does not pass [`Split::check`].
     pub fn load(set: &WindowSet<'_>, path: &Path) -> Result<Self, DataError> {
         let bytes = std::fs::read(path).map_err(|source| DataError::Io { file: path.into(), source })?;
         let split = parse(set, &bytes).map_err(|reason| DataError::SplitFile { file: path.into(), reason })?;
@@ -96,8 +100,8 @@ fn parse(set: &WindowSet<'_>, bytes: &[u8]) -> Result<Split, String> {
         return Err(format!("it parts windows of {found}, these have {wanted}"));
     }
     let parts = [ids(set, &file.train)?, ids(set, &file.validation)?, ids(set, &file.test)?];
-    let SplitFile { kinds, seed, dropped_at_boundary, overlaps, .. } = file;
-    let split = Split::with_hash(set, parts, Origin { kinds, seed, dropped_at_boundary, overlaps });
+    let SplitFile { kinds, seed, dropped_at_boundary, dropped_drivers, overlaps, .. } = file;
+    let split = Split::with_hash(set, parts, Origin { kinds, seed, dropped_at_boundary, dropped_drivers, overlaps });
     if split.hash != file.hash {
         return Err(format!("its windows have the hash {}, it says {}: it was changed", split.hash, file.hash));
     }

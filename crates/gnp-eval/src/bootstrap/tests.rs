@@ -242,8 +242,8 @@ fn few_clusters_have_wider_intervals() {
     assert!((tail(1_000_000) - 0.025).abs() < 1e-6 && tail(3) < 1e-5);
 }
 
-/// Means of five normal numbers: an interval that says 95 % holds the truth about as often, where plain percentiles
-/// hold it in about 82 of 100.
+/// Means of five normal numbers: the interval holds the truth in about 92 of 100 samples, where plain percentiles hold it
+/// in 86. More than 94 cannot be had from what lies between the least and the largest.
 #[test]
 fn intervals_by_few_clusters_cover_the_truth() {
     let bootstrap = Bootstrap { resamples: 1000, seed: 7 };
@@ -254,8 +254,8 @@ fn intervals_by_few_clusters_cover_the_truth() {
             interval.low <= 0. && 0. <= interval.high
         })
         .count();
-    // All five on one side of the truth: 1 in 16.
-    assert!((265..=297).contains(&held), "{held} of 300");
+    // Three standard errors of 276 expected.
+    assert!((262..=290).contains(&held), "{held} of 300");
 }
 
 #[test]

@@ -33,7 +33,7 @@ pub(crate) fn systems(run: &Run) -> Result<Vec<System>> {
     let fitted = fitted(run)?;
     let system = |rule: &Rule| -> Result<System> {
         let parameters = fitted.rules.get(rule.name()).unwrap_or(&Parameters::Null);
-        let predictor = rule.load(parameters).with_context(|| run.folder.path(FILE).display().to_string())?;
+        let predictor = rule.load(parameters).with_context(|| unusable(run))?;
         Ok(System::boxed(rule.name(), predictor))
     };
     RULES.iter().map(system).collect()
@@ -47,8 +47,13 @@ pub(crate) fn platoon(run: &Run) -> Result<PlatoonRule> {
     let fitted = fitted(run)?;
     let parameters = fitted.rules.get(PlatoonRule::NAME).cloned().unwrap_or_default();
     let parameters = PlatoonParameters::deserialize(parameters);
-    let cannot = || run.folder.path(FILE).display().to_string();
+    let cannot = || unusable(run);
     PlatoonRule::new(parameters.with_context(cannot)?).with_context(cannot)
+}
+
+/// Said of a file that some other version wrote, or a person changed.
+fn unusable(run: &Run) -> String {
+    format!("{} cannot be used; remove it, and the rules are fitted again", run.folder.path(FILE).display())
 }
 
 fn fitted(run: &Run) -> Result<Fitted> {

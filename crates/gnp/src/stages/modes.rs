@@ -80,8 +80,12 @@ pub(super) fn find(run: &mut Run) -> Result<()> {
 fn summary(set: &WindowSet<'_>, split: &Split) -> String {
     let counts: Vec<String> =
         Subset::ALL.iter().map(|part| format!("{} {}", split.subset(*part).len(), part.name())).collect();
-    let dropped_at_boundary: usize = split.dropped_at_boundary().values().sum();
-    let left_out = if dropped_at_boundary > 0 { format!(", {dropped_at_boundary} in none") } else { String::new() };
+    let count = |dropped: &BTreeMap<String, usize>| dropped.values().sum::<usize>();
+    let left_out = [
+        (count(split.dropped_at_boundary()), "in none"),
+        (count(split.dropped_drivers()), "in none since their drivers are kept with other recordings"),
+    ];
+    let left_out: String = left_out.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!(", {n} {why}")).collect();
     format!("split: {} windows by {}: {}{left_out}", set.len(), kinds(split.kinds()), counts.join(", "))
 }
 
