@@ -262,7 +262,7 @@ fn of_run(run: &Run, material: &Material<'_>, out: &Path) -> Result<Scores> {
 fn heading(material: &Material<'_>, config: &RunConfig) -> String {
     let RunConfig { seed, predict, evaluate, .. } = config;
     format!(
-        "# Scores\n\nOn {}. Seed {seed}; neighbours in the future: `{}`. Lengths in m. Intervals: middle 95 % of {} \
+        "# Scores\n\nOn {}. Seed {seed}; neighbours in the future: `{}`. Lengths in m. Intervals of 95 % from {} \
          draws of drivers, and in square brackets of events, with replacement. Top-1 and best of k are different quantities.\n",
         material.data.description,
         predict.neighbours.name(),

@@ -203,8 +203,8 @@ fn heading(report: &Report<'_>, scored: &Scored) -> String {
         }
     };
     let mut text = format!(
-        "# {}\n\n{} On {}. {seeds} All systems are scored on the same windows.{folds} Lengths in m. Intervals: middle 95 % \
-         of {} draws of drivers, and in square brackets of events, with replacement. Systems marked *future input* are handed recorded futures.\n",
+        "# {}\n\n{} On {}. {seeds} All systems are scored on the same windows.{folds} Lengths in m. Intervals of 95 % from {} \
+         draws of drivers, and in square brackets of events, with replacement. Systems marked *future input* are handed recorded futures.\n",
         report.title, report.about, run.folder.state.data.description, run.config.evaluate.bootstrap.resamples
     );
     if !report.missing.is_empty() {
