@@ -275,16 +275,11 @@ fn comparison(args: &CompareArgs, program: &Program) -> Result<CompareRequest> {
 /// One line a job, or all as JSON. Not through the terminal, which breaks long lines; a closed pipe is no reason to
 /// fail.
 fn show_plan(table: &PreparedTable, json: bool) -> Result<()> {
-    let jobs = table.jobs()?;
-    let mut text = String::new();
-    if json {
-        let value = serde_json::json!({ "folder": table.folder(), "jobs": jobs });
-        text = format!("{value:#}\n");
+    let text = if json {
+        format!("{:#}\n", table.json()?)
     } else {
-        for job in &jobs {
-            text += &format!("{:<6} {}\n", job.state.name(), job.id);
-        }
-    }
+        table.jobs()?.iter().map(|job| format!("{:<6} {}\n", job.state.name(), job.id)).collect()
+    };
     let _ = io::stdout().lock().write_all(text.as_bytes());
     Ok(())
 }
