@@ -2,14 +2,15 @@
 
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
     Change, CompareRequest, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _, Question,
-    RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Simulation, Stage, memory, score_predictions,
-    score_recordings,
+    RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory,
+    score_predictions, score_recordings,
 };
 use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;
@@ -227,8 +228,12 @@ fn compare(args: &CompareArgs, program: &Program) -> Result<()> {
         return Ok(prepared()?.gather(args.allow_missing, &on()?)?);
     }
     let asked = comparison(args, program)?;
-    let machine = on()?;
+    let mut machine = on()?;
     if args.plan {
+        if args.json {
+            // A program reads what is printed.
+            machine.progress = Arc::new(Silent);
+        }
         return show_plan(&PreparedTable::prepare(&asked, &machine)?, args.json);
     }
     let threads = if machine.device.is_cpu() { rayon::current_num_threads() } else { 1 };
@@ -275,16 +280,11 @@ fn comparison(args: &CompareArgs, program: &Program) -> Result<CompareRequest> {
 /// One line a job, or all as JSON. Not through the terminal, which breaks long lines; a closed pipe is no reason to
 /// fail.
 fn show_plan(table: &PreparedTable, json: bool) -> Result<()> {
-    let jobs = table.jobs()?;
-    let mut text = String::new();
-    if json {
-        let value = serde_json::json!({ "folder": table.folder(), "jobs": jobs });
-        text = format!("{value:#}\n");
+    let text = if json {
+        format!("{:#}\n", table.json()?)
     } else {
-        for job in &jobs {
-            text += &format!("{:<6} {}\n", job.state.name(), job.id);
-        }
-    }
+        table.jobs()?.iter().map(|job| format!("{:<6} {}\n", job.state.name(), job.id)).collect()
+    };
     let _ = io::stdout().lock().write_all(text.as_bytes());
     Ok(())
 }

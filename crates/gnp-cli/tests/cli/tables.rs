@@ -60,11 +60,14 @@ fn every_system_is_trained_once_and_scored_on_the_same_windows() {
         run(&arguments("table1", data.path(), &place, &config, &more))
     };
     let first = table1(&[]).well();
-    assert!(first.err.contains("table1: 9 of 10, S-LSTM") && first.err.contains("S-LSTM: epoch 2/2"), "{}", first.err);
+    for part in ["table1: fold-1/s_lstm/seed-0 started", "table1: fold-1/s_lstm/seed-0 done in ", ", 4 of 4"] {
+        assert!(first.err.contains(part), "{}", first.err);
+    }
     let figures = names(&place).into_iter().filter(|name| name.contains("error-by-horizon")).count();
     assert!(figures >= 2 && figures.is_multiple_of(2), "as SVG and as PNG: {:?}", names(&place));
     let others: Vec<String> = names(&place).into_iter().filter(|name| !name.contains("error-by-horizon")).collect();
-    assert_eq!(others, ["differences.json", "gnp", "learned", "table1.csv", "table1.json", "table1.md"]);
+    let tables = ["table.toml", "table1.csv", "table1.json", "table1.md"];
+    assert_eq!(others, [&["differences.json", "gnp", "jobs", "learned"][..], &tables].concat());
     let content = json(&place.join("table1.json"));
     let blind = ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM", "platoon"];
     let learned = ["column network", "S-LSTM", "CS-LSTM(M)"];
@@ -89,6 +92,24 @@ fn every_system_is_trained_once_and_scored_on_the_same_windows() {
     assert!(csv.lines().all(|line| line.matches(',').count() >= 5), "{csv}");
     assert!(csv.contains("literature printed (not re-run),\"PiP\",RMSE 5 s,4.04,,,,\n"), "{csv}");
 
+    // The error on training windows stands beside that on the windows scored, which is that of the table.
+    let training = content["training"].as_array().unwrap();
+    assert_eq!(training.len(), 2 * strings(&content["systems"]).len(), "one site, and all");
+    let rmse = |model: &Value| {
+        let is = |s: &&Value| {
+            (&s["model"], &s["protocol"], &s["metric"], &s["site"])
+                == (model, &"literature".into(), &"rmse_at".into(), &"all".into())
+                && s["horizon_s"] == 5.
+        };
+        content["scores"].as_array().unwrap().iter().find(is).unwrap()["value"].as_f64().unwrap()
+    };
+    for row in training.iter().filter(|row| row["site"] == "all") {
+        assert!((row["test_rmse_m"].as_f64().unwrap() - rmse(&row["model"])).abs() < 1e-9, "{row}");
+        assert!(row["training_windows"] != 0 && row["ratio"].as_f64().unwrap() > 1., "{row}");
+        assert!(row["test_bias_m"].as_f64().unwrap().abs() <= row["test_rmse_m"].as_f64().unwrap(), "{row}");
+    }
+    assert!(markdown.contains("error on training windows") && csv.contains("training us-101,"), "{markdown}");
+
     // GNP explains itself, the others do not.
     let faithful = content["faithfulness"].as_array().unwrap();
     assert!(!faithful.is_empty() && faithful.iter().all(|row| row["model"] == "gnp" && row["windows"] != 0));
@@ -97,7 +118,7 @@ fn every_system_is_trained_once_and_scored_on_the_same_windows() {
     // Once more: nothing is trained again, and the numbers are the same ones.
     table1(&[]).badly(&["not empty", "--resume"]);
     let again = table1(&["--resume"]).well();
-    assert!(again.err.contains("goal: finished before") && !again.err.contains("epoch"), "{}", again.err);
+    assert!(again.err.contains("4 of 4 jobs were done before") && !again.err.contains(" started"), "{}", again.err);
     assert_eq!(json(&place.join("table1.json")), content);
 }
 
@@ -108,7 +129,7 @@ fn over_the_folds_every_window_is_scored_once() {
     fs::write(&none, "").unwrap();
     let more = ["--recipes", none.to_str().unwrap(), "--set", "split.folds=2", "--set", "split.kind=vehicle"];
     let finished = run(&arguments("table1", data.path(), &place, &config, &more)).well();
-    assert!(finished.err.contains("table1: fold 2 of 2, 1 of 7, gnp"), "{}", finished.err);
+    assert!(finished.err.contains("table1: fold-2/gnp/seed-0 done in "), "{}", finished.err);
     let content = json(&place.join("table1.json"));
     let parts = ["fold-1", "fold-2"].map(|fold| json(&place.join(fold).join("gnp/split.json")));
     let sizes = |split: &Value| ["train", "validation", "test"].map(|part| windows_of(split, part));
@@ -159,7 +180,7 @@ fn seeds_are_trained_apart_and_scored_as_one_row() {
     table1(&[]).well();
     let one = json(&place.join("table1.json"));
     let second = table1(&["--resume", "--seeds", "2"]).well();
-    assert!(second.err.contains("8 of 8, gnp, seed 1"), "{}", second.err);
+    assert!(second.err.contains("1 of 2 jobs were done before") && second.err.contains("1 of 1"), "{}", second.err);
     let two = json(&place.join("table1.json"));
     assert_eq!((&one["seeds"], &two["seeds"], &two["seed"]), (&1.into(), &2.into(), &0.into()));
 
@@ -195,8 +216,101 @@ fn seeds_are_trained_apart_and_scored_as_one_row() {
     });
     assert!((mean - (score(&one, "gnp").0 + other.unwrap().value) / 2.).abs() < 1e-9);
     let markdown = fs::read_to_string(place.join("table1.md")).unwrap();
-    for part in ["gnp (2 seeds)", "trained with 2 (0 to 1)", "by driver and seed", "drivers and seeds"] {
+    for part in ["gnp (2 seeds)", "learned was trained with 2, 0 to 1", "by driver and seed", "drivers and seeds"] {
         assert!(markdown.contains(part), "no `{part}` in:\n{markdown}");
+    }
+}
+
+/// Prepared, trained job by job in any order and gathered, a table is that of one command with two workers.
+#[test]
+fn job_by_job_is_the_same_table_as_all_at_once() {
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let (parts, whole, recipes) = (out.path().join("parts"), out.path().join("whole"), recipes(out.path()));
+    let options = ["--recipes", &recipes, "--seeds", "2", "--set", "split.folds=2"];
+    let planned =
+        run(&arguments("compare", data.path(), &parts, &config, &[&options[..], &["--plan"]].concat())).well();
+    let jobs: Vec<String> =
+        planned.out.lines().filter_map(|line| line.strip_prefix("to do  ")).map(str::to_owned).collect();
+    assert_eq!(jobs.len(), 2 * 4 * 2, "{}", planned.out);
+    assert!(["fold-1/gnp/seed-0", "fold-2/cs_lstm_m/seed-1"].iter().all(|id| jobs.contains(&(*id).to_owned())));
+    assert!(!parts.join("fold-1/gnp/modes.safetensors").exists() && parts.join("fold-2/gnp/rules.json").exists());
+
+    let place = parts.to_str().unwrap();
+    let step = |more: &[&str]| run(&[&["compare", "--out", place], more].concat());
+    step(&["--job", "fold-2/cs_lstn_m/seed-1"]).badly(&["nearest is fold-2/cs_lstm_m/seed-1"]);
+    step(&["--gather"]).badly(&["16 of 16 jobs are not done: fold-1/gnp/seed-0, "]);
+    // Backwards: further seeds do not need the first one.
+    for id in jobs[1..].iter().rev() {
+        step(&["--job", id]).well();
+    }
+    step(&["--gather", "--allow-missing"]).badly(&["1 of 16 jobs are not done: fold-1/gnp/seed-0;"]);
+    assert!(!parts.join("table1.md").exists(), "only a whole table is written");
+    let listed = step(&["--plan", "--json"]).well();
+    let listed: Value = serde_json::from_str(&listed.out).unwrap();
+    let states: Vec<&str> =
+        listed["jobs"].as_array().unwrap().iter().map(|job| job["state"].as_str().unwrap()).collect();
+    assert_eq!((states[0], states.iter().filter(|state| **state == "done").count()), ("to_do", 15));
+    assert_eq!(listed["jobs"][1]["writes"], "fold-1/gnp-seed-1");
+    step(&["--job", &jobs[0]]).well();
+    let before = fs::metadata(parts.join("fold-1/gnp/goal.safetensors")).unwrap().modified().unwrap();
+    assert!(step(&["--job", &jobs[0]]).well().err.contains("done before"));
+    assert_eq!(fs::metadata(parts.join("fold-1/gnp/goal.safetensors")).unwrap().modified().unwrap(), before);
+    step(&["--gather"]).well();
+
+    let all = [&options[..], &["--workers", "2"]].concat();
+    let finished = run(&arguments("compare", data.path(), &whole, &config, &all)).well();
+    assert!(finished.err.contains("16 of 16") && !finished.err.contains("epoch"), "{}", finished.err);
+    for file in ["table1.md", "table1.csv", "table1.json", "differences.json"] {
+        assert!(fs::read(parts.join(file)).unwrap() == fs::read(whole.join(file)).unwrap(), "{file}");
+    }
+
+    // Every learned row has both seeds, a rule has none.
+    let content = json(&whole.join("table1.json"));
+    for score in content["scores"].as_array().unwrap() {
+        let learned = ["gnp", "goal head", "column network", "S-LSTM", "CS-LSTM(M)"];
+        let seeds = if learned.contains(&score["model"].as_str().unwrap()) { 2 } else { 1 };
+        assert_eq!(score["seeds"], seeds, "{score}");
+    }
+    // A row whose training is not done is left out where that is allowed.
+    fs::remove_file(parts.join("fold-1/jobs/s_lstm-seed-1.json")).unwrap();
+    step(&["--gather"]).badly(&["1 of 16 jobs are not done: fold-1/s_lstm/seed-1;"]);
+    step(&["--gather", "--allow-missing"]).well();
+    let content = json(&parts.join("table1.json"));
+    assert!(!strings(&content["systems"]).contains(&"S-LSTM"));
+    assert!(content["missing"][0].as_str().unwrap().contains("fold-1/s_lstm/seed-1"), "{}", content["missing"]);
+
+    // Another configuration is another table, and a folder that is not prepared has no jobs.
+    let other = ["--recipes", &recipes, "--set", "split.folds=2", "--set", "goal.epochs=3", "--plan"];
+    run(&arguments("compare", data.path(), &parts, &config, &other)).badly(&["goal.epochs", "is 3 and was 2"]);
+    step(&["--plan", "--set", "goal.epochs=3"]).badly(&["is prepared"]);
+    let bare = out.path().join("bare");
+    run(&["compare", "--out", bare.to_str().unwrap(), "--job", &jobs[0]]).badly(&["is not a prepared table"]);
+}
+
+/// What an interrupt leaves goes on with the folder alone, to the same table.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_comparison_goes_on() {
+    use std::io::{BufRead as _, BufReader};
+    use std::process::{Command, Stdio};
+
+    let (data, out, config) = (data(&SCENES), TempDir::new().unwrap(), smoke());
+    let (place, whole, recipes) = (out.path().join("table"), out.path().join("whole"), recipes(out.path()));
+    let options = ["--recipes", &recipes, "--workers", "2"];
+    let mut command = crate::program::program(&arguments("compare", data.path(), &place, &config, &options));
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains(" started")));
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let rest: String = lines.map(|line| line.unwrap() + "\n").collect();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{rest}");
+    assert!(rest.contains(&format!("go on with `gnp compare --resume --out {}`", place.display())), "{rest}");
+    assert!(!place.join("table1.md").exists());
+
+    run(&["compare", "--resume", "--out", place.to_str().unwrap()]).well();
+    run(&arguments("compare", data.path(), &whole, &config, &["--recipes", &recipes, "--workers", "1"])).well();
+    for file in ["table1.md", "table1.json"] {
+        assert!(fs::read(place.join(file)).unwrap() == fs::read(whole.join(file)).unwrap(), "{file}");
     }
 }
 

@@ -190,6 +190,14 @@ impl PreparedTable {
         self.list().iter().map(report).collect()
     }
 
+    /// The folder and [`PreparedTable::jobs`], for programs: `{"folder": ..., "jobs": [{"id", "state", "needs", "writes"}]}`.
+    ///
+    /// # Errors
+    /// As [`PreparedTable::jobs`].
+    pub fn json(&self) -> Result<serde_json::Value> {
+        Ok(serde_json::json!({ "folder": self.folder(), "jobs": self.jobs()? }))
+    }
+
     /// Does one job, unless it is done.
     ///
     /// # Errors
@@ -329,6 +337,7 @@ impl PreparedTable {
 
     fn train(&self, job: &Job, machine: &Machine) -> Result<()> {
         let folder = self.place.of_fold(job.fold);
+        let _alone = job.lock(&folder)?;
         if job.state(&folder)? == JobState::Done {
             machine.progress.note(&format!("{job}: done before"));
             return Ok(());

@@ -1,7 +1,7 @@
 //! The jobs of a comparison: one training each, of one system on one fold with one seed.
 
 use std::fmt;
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -92,15 +92,26 @@ impl Job {
         Ok(note.state)
     }
 
+    /// Waits until no other process does it, and keeps others out until the file is dropped or the process ends: the
+    /// training of a worker that is given up may go on for a while. Where files cannot be locked nobody is kept out.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub(super) fn lock(&self, fold: &Path) -> Result<File> {
+        let path = self.note(fold).with_extension("lock");
+        let cannot = || format!("cannot make {}", path.display());
+        fs::create_dir_all(fold.join("jobs")).with_context(cannot)?;
+        let file = File::create(&path).with_context(cannot)?;
+        let _ = file.lock();
+        Ok(file)
+    }
+
     /// Notes how far it is.
     ///
     /// # Errors
-    /// When the note cannot be written.
+    /// When the note cannot be written; [`Job::lock`] makes its folder.
     pub(super) fn set(&self, fold: &Path, state: JobState, seconds: f64) -> Result<()> {
-        let path = self.note(fold);
-        let folder = fold.join("jobs");
-        fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        write_json(&path, &Note { state, seconds: (seconds * 100.).round() / 100. })
+        write_json(&self.note(fold), &Note { state, seconds: (seconds * 100.).round() / 100. })
     }
 }
 
@@ -167,6 +178,9 @@ mod tests {
         let folder = tempfile::TempDir::new().unwrap();
         let [one, other] = [jobs()[0].clone(), jobs()[1].clone()];
         assert_eq!(one.state(folder.path()).unwrap(), JobState::ToDo);
+        let held = one.lock(folder.path()).unwrap();
+        assert!(File::open(one.note(folder.path()).with_extension("lock")).unwrap().try_lock().is_err());
+        drop(held);
         one.set(folder.path(), JobState::Begun, 0.).unwrap();
         assert_eq!(one.state(folder.path()).unwrap(), JobState::Begun);
         one.set(folder.path(), JobState::Done, 1.234).unwrap();
