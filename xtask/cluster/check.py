@@ -21,13 +21,13 @@ import tomllib
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 FILES = ["table1.md", "table1.csv", "table1.json", "differences.json"]
-SHORT = {"warm_up_epochs": 1, "likelihood_epochs": 1, "epoch_windows": 32, "networks": 1, "epochs": 1}
+SHORT = {"steps": 2, "networks": 1, "epochs": 1}
 
 
 def recipes(path, full):
     """The recipes of the project, each over in a moment."""
     tables = tomllib.loads((ROOT / "configs/neural-baselines.toml").read_text())
-    kept = {stem: table for stem, table in tables.items() if full or stem in ("column_network", "s_lstm")}
+    kept = {stem: table for stem, table in tables.items() if full or stem in ("shared", "column_network", "s_lstm")}
     lines = []
     for stem, table in kept.items():
         lines.append(f"[{stem}]")

@@ -20,6 +20,7 @@ use crate::arguments::{
     ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
 use crate::names::Place;
+use crate::processes;
 use crate::program::Program;
 use crate::terminal::Terminal;
 
@@ -237,7 +238,13 @@ fn compare(args: &CompareArgs, program: &Program) -> Result<()> {
         return show_plan(&PreparedTable::prepare(&asked, &machine)?, args.json);
     }
     let threads = if machine.device.is_cpu() { rayon::current_num_threads() } else { 1 };
-    Ok(gnp::compare(&asked, args.workers.map_or(threads, usize::from), &machine)?)
+    let workers = args.workers.map_or(threads, usize::from);
+    if !machine.device.is_cpu() {
+        return Ok(gnp::compare(&asked, workers, &machine)?);
+    }
+    let table = PreparedTable::prepare(&asked, &machine)?;
+    table.perform_all_by(workers, &machine, |id| processes::perform(table.folder(), id, &machine.stop))?;
+    Ok(table.gather(false, &machine)?)
 }
 
 /// What the command line asks for, or what the folder that it names was prepared for.

@@ -107,6 +107,7 @@ fn model(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Gnp> {
         epoch: 0,
         scores: BTreeMap::new(),
         origin: None,
+        trust: None,
         trainer: None,
     };
     let force = Header { part: Component::Repulsion, goal: None, traj: Some(config.traj.clone()), ..header.clone() };

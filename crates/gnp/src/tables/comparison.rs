@@ -212,6 +212,29 @@ impl PreparedTable {
     /// # Errors
     /// [`Error::Jobs`](crate::Error) with those that failed after the others are done; [`Error::Stopped`](crate::Error).
     pub fn perform_all(&self, workers: usize, machine: &Machine) -> Result<()> {
+        self.all_left(workers, machine, |job, machine| self.train(job, machine))
+    }
+
+    /// As [`PreparedTable::perform_all`], where `perform` does the job that is called so: in another process, say, by
+    /// [`PreparedTable::perform`] there.
+    ///
+    /// # Errors
+    /// As [`PreparedTable::perform_all`].
+    pub fn perform_all_by(
+        &self,
+        workers: usize,
+        machine: &Machine,
+        perform: impl Fn(&str) -> Result<()> + Sync,
+    ) -> Result<()> {
+        self.all_left(workers, machine, |job, _| perform(&job.to_string()))
+    }
+
+    fn all_left(
+        &self,
+        workers: usize,
+        machine: &Machine,
+        perform: impl Fn(&Job, &Machine) -> Result<()> + Sync,
+    ) -> Result<()> {
         let all = self.list();
         let mut left = Vec::new();
         for job in &all {
@@ -225,8 +248,7 @@ impl PreparedTable {
         }
         // The longest first, so that no worker ends long after the others.
         left.sort_by_key(|job| job.stem != PUBLISHED);
-        workers::perform(self.place.stem, &left, workers, machine, |job, machine| self.train(job, machine))
-            .map_err(|error| self.place.error(error))
+        workers::perform(self.place.stem, &left, workers, machine, perform).map_err(|error| self.place.error(error))
     }
 
     /// Scores every system and writes the table.
