@@ -7,6 +7,7 @@ A worker is killed, with the training that it runs, as soon as its first job has
 """
 
 import argparse
+import contextlib
 import glob
 import os
 import pathlib
@@ -76,14 +77,19 @@ def main():
         cluster = [sys.executable, "-B", HERE / "ray_compare.py", "--gnp", program, "--out", there]
         driver = subprocess.Popen(cluster, stdout=subprocess.PIPE, text=True)
         killed = None
-        while killed is None and driver.poll() is None:
-            found = training_process(there)
-            if found:
-                training, worker, killed = found
-                os.kill(worker, signal.SIGKILL)
-                os.kill(training, signal.SIGKILL)
-            time.sleep(0.02)
-        text, _ = driver.communicate()
+        try:
+            while killed is None and driver.poll() is None:
+                found = training_process(there)
+                # Other jobs are over in a moment here.
+                if found and "/gnp/" in found[2]:
+                    training, worker, killed = found
+                    os.kill(worker, signal.SIGKILL)
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(training, signal.SIGKILL)
+                time.sleep(0.02)
+            text, _ = driver.communicate()
+        finally:
+            driver.kill()
         sys.stdout.write("".join(line + "\n" for line in text.splitlines() if " jobs to do" in line or " done by " in line))
         if driver.returncode or killed is None:
             sys.exit(f"the cluster failed ({driver.returncode}), killed: {killed}")

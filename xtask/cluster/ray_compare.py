@@ -10,6 +10,8 @@ elsewhere and goes on from its last checkpoint; one that is done is not done aga
 
 import argparse
 import json
+import os
+import shutil
 import subprocess
 import sys
 
@@ -21,9 +23,12 @@ def gnp(program, out, *arguments, **options):
 
 def train(program, out, job):
     """Trains one job on one core; returns its name and the process that did it."""
-    import os
-
-    gnp(program, out, "--quiet", "--threads", "1", "--job", job)
+    # candle has threads of its own, as many as this says.
+    one = {**os.environ, "RAYON_NUM_THREADS": "1"}
+    command = [program, "compare", "--out", out, "--quiet", "--threads", "1", "--job", job]
+    done = subprocess.run(command, env=one, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if done.returncode:
+        raise RuntimeError(done.stderr.strip() or f"ended with {done.returncode}")
     return job, os.getpid()
 
 
@@ -35,6 +40,9 @@ def main():
     parser.add_argument("--workers", type=int, default=2, help="of the local cluster")
     parser.add_argument("--retries", type=int, default=3, help="of a job whose worker dies")
     arguments = parser.parse_args()
+    # A worker's current folder is another one.
+    arguments.gnp = os.path.abspath(shutil.which(arguments.gnp) or arguments.gnp)
+    arguments.out = os.path.abspath(arguments.out)
 
     listed = gnp(arguments.gnp, arguments.out, "--quiet", "--plan", "--json", stdout=subprocess.PIPE, text=True)
     jobs = json.loads(listed.stdout)["jobs"]

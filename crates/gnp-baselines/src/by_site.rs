@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::motion::BaselineError;
 
-/// Vehicles that a site must have for parameters of its own.
+/// Vehicles that a site must have for parameters of its own; one in two recordings counts twice.
 pub(crate) const LEAST_VEHICLES: usize = 20;
 
 /// Something for each site that has enough vehicles, and for all others together.
@@ -48,7 +48,7 @@ impl<T> BySite<T> {
         Ok(Self { pooled: fit(training)?, sites })
     }
 
-    /// The same of what `make` makes of each.
+    /// Turns each value into another.
     pub(crate) fn made<U>(self, make: impl Fn(T) -> Result<U, BaselineError>) -> Result<BySite<U>, BaselineError> {
         let sites = self.sites.into_iter().map(|(site, of)| Ok((site, make(of)?)));
         Ok(BySite { sites: sites.collect::<Result<_, BaselineError>>()?, pooled: make(self.pooled)? })

@@ -118,7 +118,8 @@ impl Idm {
         self.parameters
     }
 
-    /// Acceleration at `speed` (m/s), with the leader's speed (m/s) and the gap to it (m), in m/s².
+    /// Acceleration at `speed` (m/s), with the leader's speed (m/s) and the gap to it (m), in m/s². Without a leader the road
+    /// is empty; a *prediction* without one keeps its speed instead.
     #[must_use]
     pub fn acceleration(&self, speed: f64, leader: Option<Leader>) -> f64 {
         let p = &self.parameters;

@@ -31,7 +31,11 @@ pub(crate) fn best_span<P: Predictor>(
             .map_err(|source| BaselineError::Rule { rule: rule.to_owned(), source: source.into() })?;
         Ok((squares, span_s))
     };
-    let last = (shape.t_obs - 1).max(least);
+    if shape.t_obs <= least {
+        let needs = format!("{rule}: windows observe {} frames and must observe {}", shape.t_obs, least + 1);
+        return Err(BaselineError::Rule { rule: rule.to_owned(), source: needs.into() });
+    }
+    let last = shape.t_obs - 1;
     let tried = (least..=last).into_par_iter().map(error).collect::<Result<Vec<_>, BaselineError>>()?;
     let best = tried.into_iter().min_by(|(a, _), (b, _)| a.total_cmp(b));
     best.map(|(_, span_s)| span_s).ok_or(BaselineError::NoWindows)

@@ -1,5 +1,6 @@
 //! The commands and their arguments.
 
+mod tables;
 mod traffic;
 
 use std::path::PathBuf;
@@ -8,6 +9,7 @@ use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 use gnp::{Setting, Stage};
 use gnp_data::Dataset;
 
+pub(crate) use self::tables::{CompareArgs, TableArgs};
 pub(crate) use self::traffic::{MeasureArgs, RealismArgs, SimulateArgs};
 use crate::names::{DeviceName, Place, ProtocolName, dataset, place, speed};
 
@@ -380,58 +382,6 @@ pub struct FigureArgs {
     #[command(flatten)]
     pub(crate) machine: MachineArgs,
 }
-
-/// Which table.
-#[derive(Clone, Debug, Args)]
-pub struct TableArgs {
-    /// Data, configuration of GNP, and folder of the table.
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
-    /// On what.
-    #[command(flatten)]
-    pub(crate) machine: MachineArgs,
-}
-
-/// The table of all systems.
-#[derive(Clone, Debug, Args)]
-pub struct CompareArgs {
-    /// Which table.
-    #[command(flatten)]
-    pub(crate) table: TableArgs,
-    /// Recipes of the neural baselines [default: those of configs/neural-baselines.toml].
-    #[arg(long, value_name = "FILE")]
-    pub(crate) recipes: Option<PathBuf>,
-    /// Seeds that everything learned is trained with, from that of the configuration on [default: 1]; a row is the mean
-    /// over them, and intervals draw them. GNP as published is trained with the first alone.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
-    pub(crate) seeds: Option<u16>,
-    /// Also train GNP as published on the same windows: as this configuration says [default: configs/paper/NAME.toml].
-    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
-    #[expect(clippy::option_option, reason = "absent, given, given with a file")]
-    pub(crate) published: Option<Option<PathBuf>>,
-    /// Trainings at a time, each on one thread [default: as many as there are threads]; results do not depend on it.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
-    pub(crate) workers: Option<u16>,
-    /// Prepare the folder, print its jobs and how far each is, and end there. A folder that is prepared is listed.
-    #[arg(long, group = "step", conflicts_with = "workers")]
-    pub(crate) plan: bool,
-    /// With --plan: print the jobs as JSON.
-    #[arg(long, requires = "plan")]
-    pub(crate) json: bool,
-    /// Do one job of the prepared folder --out, such as fold-2/cs_lstm/seed-0, and nothing else.
-    #[arg(long, value_name = "ID", group = "step", requires = "out", conflicts_with_all = PREPARING)]
-    pub(crate) job: Option<String>,
-    /// Score what is trained in the prepared folder --out and write the table.
-    #[arg(long, group = "step", requires = "out", conflicts_with_all = PREPARING)]
-    pub(crate) gather: bool,
-    /// With --gather: leave rows out that are not trained yet, and say so in the table.
-    #[arg(long, requires = "gather")]
-    pub(crate) allow_missing: bool,
-}
-
-/// What only preparation reads; a prepared folder has its own.
-const PREPARING: [&str; 9] =
-    ["dataset", "data_dir", "config", "set", "resume", "recipes", "seeds", "published", "workers"];
 
 /// The machine, and how much is said.
 #[derive(Clone, Debug, Args)]

@@ -216,71 +216,80 @@ fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<(Plan, RunCo
 }
 
 fn compare(args: &CompareArgs, program: &Program) -> Result<()> {
-    // Both are of a prepared folder, which --out names.
-    let prepared = || match &args.table.run.out {
-        Some(folder) => Ok(PreparedTable::open(folder)?),
-        None => bail!("which table? give its folder: --out DIR"),
-    };
     let on = || crate::machine(&args.table.machine, program);
-    if let Some(id) = &args.job {
-        return Ok(prepared()?.perform(id, &on()?)?);
-    }
-    if args.gather {
-        return Ok(prepared()?.gather(args.allow_missing, &on()?)?);
+    // Both are of a prepared folder, which the command line names.
+    match (&args.table.run.out, &args.job) {
+        (Some(folder), Some(id)) => return Ok(PreparedTable::open(folder)?.perform(id, &on()?)?),
+        (Some(folder), None) if args.gather => {
+            return Ok(PreparedTable::open(folder)?.gather(args.allow_missing, &on()?)?);
+        }
+        _ => {}
     }
     let asked = comparison(args, program)?;
     let mut machine = on()?;
     if args.plan {
-        if args.json {
-            // A program reads what is printed.
+        if args.json || CompareRequest::is_in(&asked.plan.out) {
+            // What is printed is the list alone.
             machine.progress = Arc::new(Silent);
         }
         return show_plan(&PreparedTable::prepare(&asked, &machine)?, args.json);
     }
     let threads = if machine.device.is_cpu() { rayon::current_num_threads() } else { 1 };
     let workers = args.workers.map_or(threads, usize::from);
-    if !machine.device.is_cpu() {
-        return Ok(gnp::compare(&asked, workers, &machine)?);
-    }
     let table = PreparedTable::prepare(&asked, &machine)?;
-    table.perform_all_by(workers, &machine, |id| processes::perform(table.folder(), id, &machine.stop))?;
+    let device = args.table.machine.device;
+    table.perform_all_by(workers, &machine, |id| processes::perform(table.folder(), id, device, &machine.stop))?;
     Ok(table.gather(false, &machine)?)
 }
 
-/// What the command line asks for, or what the folder that it names was prepared for.
+/// What the command line asks for; of a folder that is prepared, what is not said again stays.
 fn comparison(args: &CompareArgs, program: &Program) -> Result<CompareRequest> {
     let run = &args.table.run;
     if let (Some(folder), None, None) = (&run.out, run.dataset, &run.config)
         && (run.resume || args.plan)
         && CompareRequest::is_in(folder)
     {
-        if !run.set.is_empty() || args.recipes.is_some() || args.seeds.is_some() || args.published.is_some() {
+        if !run.set.is_empty() {
             bail!(
-                "{} is prepared; go on with --resume --out alone, or say all that it is to be made of, --dataset or \
-                 --config first",
+                "{} has its settings; leave --set out, or say which data first: --dataset or --config",
                 folder.display()
             );
         }
-        let mut asked = CompareRequest::read(folder)?;
-        if let Some(dir) = &run.data_dir {
-            asked.plan.data = Some(dir.clone());
-        }
-        return Ok(asked);
+        return asked_for(args, CompareRequest::read(folder)?);
     }
     let (mut plan, config) = table(&args.table, "table1", program)?;
     // A list may be looked at again.
     plan.resume |= args.plan;
-    let recipes = match &args.recipes {
-        Some(path) => Recipes::read(path)?,
-        None => Recipes::embedded()?,
+    let earlier = if plan.resume && CompareRequest::is_in(&plan.out) {
+        let CompareRequest { plan: earlier, recipes, seeds, published, .. } = CompareRequest::read(&plan.out)?;
+        plan.data = plan.data.or(earlier.data);
+        let mut asked = CompareRequest::new(plan, recipes);
+        (asked.seeds, asked.published) = (seeds, published);
+        asked
+    } else {
+        CompareRequest::new(plan, Recipes::embedded(&config)?)
     };
-    let mut asked = CompareRequest::new(plan, recipes);
-    asked.seeds = args.seeds.map_or(1, usize::from);
-    asked.published = match &args.published {
-        None => None,
-        Some(Some(path)) => Some(RunConfig::read(path, &[])?),
-        Some(None) => Some(RunConfig::embedded(&format!("paper/{}", config.dataset), &[])?),
-    };
+    asked_for(args, earlier)
+}
+
+/// `earlier` with what the command line says.
+fn asked_for(args: &CompareArgs, earlier: CompareRequest) -> Result<CompareRequest> {
+    let mut asked = earlier;
+    if let Some(dir) = &args.table.run.data_dir {
+        asked.plan.data = Some(dir.clone());
+    }
+    if let Some(seeds) = args.seeds {
+        asked.seeds = usize::from(seeds);
+    }
+    let Some(config) = asked.plan.config.clone() else { return Ok(asked) };
+    if let Some(path) = &args.recipes {
+        asked.recipes = Recipes::read(path, &config)?;
+    }
+    match &args.published {
+        None => {}
+        Some(Some(path)) => asked.published = Some(RunConfig::read(path, &[])?),
+        Some(None) => asked.published = Some(RunConfig::embedded(&format!("paper/{}", config.dataset), &[])?),
+    }
     Ok(asked)
 }
 

@@ -70,3 +70,14 @@ pub(crate) enum DeviceName {
     /// The GPU of an Apple computer.
     Metal,
 }
+
+impl DeviceName {
+    /// As typed.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Cuda => "cuda",
+            Self::Metal => "metal",
+        }
+    }
+}

@@ -4,26 +4,27 @@
 //! one training with threads waits longer for them than they help: two processes of one thread do twice as much.
 
 use std::io::Read as _;
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use gnp::{Error, Result, Stop};
 
 use crate::INTERRUPTED;
+use crate::names::DeviceName;
 
 /// How often a job is looked at.
 const PERIOD: Duration = Duration::from_millis(50);
 /// Time in which a job that was asked to stop may end by itself. One that is killed loses what it did since its last epoch.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Does the job called `id` of the prepared table in `folder` in another process of this program, on one thread.
 ///
 /// # Errors
 /// [`Error::Unavailable`] with what the process wrote when it fails or cannot be started; [`Error::Stopped`].
-pub(crate) fn perform(folder: &Path, id: &str, stop: &Stop) -> Result<()> {
-    let mut command = Command::new(std::env::current_exe()?);
-    command.args(["compare", "--quiet", "--threads", "1", "--job", id, "--out"]).arg(folder);
+pub(crate) fn perform(folder: &Path, id: &str, device: DeviceName, stop: &Stop) -> Result<()> {
+    let mut command = Command::new(program()?);
+    command.args(["compare", "--quiet", "--threads", "1", "--device", device.name(), "--job", id, "--out"]).arg(folder);
     // What candle reads its number of threads from.
     command.env("RAYON_NUM_THREADS", "1").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = command.spawn()?;
@@ -32,27 +33,33 @@ pub(crate) fn perform(folder: &Path, id: &str, stop: &Stop) -> Result<()> {
         std::thread::spawn(move || {
             let mut bytes = Vec::new();
             let _ = stderr.read_to_end(&mut bytes);
-            String::from_utf8_lossy(&bytes).into_owned()
+            String::from_utf8_lossy(&bytes).trim().trim_start_matches("error: ").to_owned()
         })
     });
-    let ended = wait(&mut child, stop)?;
-    match ended {
-        Some(0) => Ok(()),
-        None => Err(Error::Stopped { kept: None }),
-        Some(code) if code == i32::from(INTERRUPTED) => Err(Error::Stopped { kept: None }),
-        Some(_) => {
-            let text = written.and_then(|reader| reader.join().ok()).unwrap_or_default();
-            Err(Error::Unavailable(text.trim().trim_start_matches("error: ").to_owned()))
-        }
+    let Some(status) = wait(&mut child, stop)? else { return Err(Error::Stopped { kept: None }) };
+    if status.success() {
+        return Ok(());
     }
+    if status.code() == Some(i32::from(INTERRUPTED)) {
+        return Err(Error::Stopped { kept: None });
+    }
+    let text = written.and_then(|reader| reader.join().ok()).unwrap_or_default();
+    let silent = || format!("its process ended with {status}; if memory was short, give fewer --workers");
+    Err(Error::Unavailable(if text.is_empty() { silent() } else { text }))
 }
 
-/// The exit code, -1 for a process that a signal ended; `None` for one that was stopped.
-fn wait(child: &mut Child, stop: &Stop) -> Result<Option<i32>> {
+/// This program: on Linux also when its file was replaced since it started, as a compiler does.
+fn program() -> Result<PathBuf> {
+    let own = Path::new("/proc/self/exe");
+    Ok(if own.exists() { own.to_owned() } else { std::env::current_exe()? })
+}
+
+/// How it ended; `None` for one that was stopped.
+fn wait(child: &mut Child, stop: &Stop) -> Result<Option<ExitStatus>> {
     let mut asked: Option<Instant> = None;
     loop {
         if let Some(status) = child.try_wait()? {
-            return Ok(asked.map_or_else(|| Some(status.code().unwrap_or(-1)), |_| None));
+            return Ok(Some(status).filter(|_| asked.is_none()));
         }
         // Ctrl-C reaches the job, too; a signal to this process alone does not.
         if stop.is_requested() && asked.get_or_insert_with(Instant::now).elapsed() > PATIENCE {

@@ -303,7 +303,7 @@ pub enum DataError {
     },
     /// A driver of two recordings in two parts.
     #[error(
-        "vehicle {vehicle} of {first} and vehicle {other} of {second} are one driver in two parts of the split; make it anew"
+        "vehicle {vehicle} of {first} and vehicle {other} of {second} are one driver in two parts of the split, as could be before drivers were told across recordings; start a new run"
     )]
     SharedDriver {
         /// Name of the first recording.

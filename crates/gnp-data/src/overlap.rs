@@ -6,6 +6,7 @@
 //! same, and distinctive, thing at the same shift in time. The second are found from the vehicles'
 //! numbers and sizes ([`drivers`]).
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
@@ -115,8 +116,8 @@ fn same_motion(recordings: &[Recording]) -> Vec<Overlap> {
         collect(index as u32, recording, share, &mut snippets);
     }
     snippets.sort_unstable();
-    // (recording a, recording b, shift in time) -> pairs of tracks that move alike, with their shift in space
-    let mut alike: BTreeMap<(u32, u32, i64), Places> = BTreeMap::new();
+    // (recording a, recording b, shift in time) -> pairs of tracks that move alike, with their shift in space; snippets
+    let mut alike: BTreeMap<(u32, u32, i64), (Places, usize)> = BTreeMap::new();
     for run in snippets.chunk_by(|a, b| a.signature == b.signature).filter(|run| run.len() <= COMMON) {
         for (i, a) in run.iter().enumerate() {
             for b in run[i + 1..].iter().filter(|b| b.recording != a.recording) {
@@ -124,24 +125,28 @@ fn same_motion(recordings: &[Recording]) -> Vec<Overlap> {
                 if comparable(ra, rb) && agree(ra, a, rb, b) {
                     let shift = frame(ra, a) - frame(rb, b);
                     let place = ra.columns().x[a.row as usize] - rb.columns().x[b.row as usize];
-                    alike.entry((a.recording, b.recording, shift)).or_default().insert((a.track, b.track), place);
+                    let (places, count) = alike.entry((a.recording, b.recording, shift)).or_default();
+                    places.insert((a.track, b.track), place);
+                    *count += 1;
                 }
             }
         }
     }
-    let mut found: BTreeMap<(u32, u32), (usize, i64)> = BTreeMap::new();
-    for ((a, b, shift), pairs) in alike {
+    // A frame aside, what moves evenly still looks alike: of shifts with as many vehicles the one with most snippets.
+    let mut found: BTreeMap<(u32, u32), (usize, usize, i64)> = BTreeMap::new();
+    for ((a, b, shift), (pairs, snippets)) in alike {
         let vehicles = at_one_place(&pairs);
-        let best = found.entry((a, b)).or_insert((0, shift));
-        if vehicles > best.0 {
-            *best = (vehicles, shift);
+        let rank = |(vehicles, snippets, shift): (usize, usize, i64)| (vehicles, snippets, Reverse(shift.abs()));
+        let best = found.entry((a, b)).or_insert((0, 0, shift));
+        if rank((vehicles, snippets, shift)) > rank(*best) {
+            *best = (vehicles, snippets, shift);
         }
     }
     let meta = |index: u32| recordings[index as usize].meta().clone();
     found
         .into_iter()
-        .filter(|(_, (vehicles, _))| *vehicles >= VEHICLES)
-        .map(|((a, b), (vehicles, shift))| {
+        .filter(|(_, (vehicles, _, _))| *vehicles >= VEHICLES)
+        .map(|((a, b), (vehicles, _, shift))| {
             let first = meta(a);
             let found = SharedBy::Motion { shift };
             Overlap { first: first.name, second: meta(b).name, site: first.site, vehicles, found }

@@ -181,7 +181,7 @@ impl Split {
     /// its share of their vehicles (kind `recording`; `vehicle`, in each recording),
     /// frames (`time`, in each recording) or windows (`window`). `overlaps` are what
     /// [`overlaps`](crate::overlaps) found in the recordings. By `recording` those that overlap stay
-    /// together; by any other kind they may not, and the split [leaks](Split::leaks).
+    /// together; parted by time they do not, and the split [leaks](Split::leaks).
     ///
     /// No driver ([`Drivers`]) is in two parts by `recording` and `vehicle`, nor tested in two folds. By `recording` a driver
     /// of recordings that do not stay together keeps the windows where it has most of them (of several places the first by
@@ -308,11 +308,12 @@ impl Split {
     }
 
     /// Whether the test part may be known from training: windows a stride apart stand in different
-    /// parts (kind `window`), or recordings that show the same vehicles are not kept together (any
-    /// kind but `recording`). To be said wherever a number from the split appears.
+    /// parts (kind `window`), or recordings that show the same vehicles are parted by time. By `recording` they stay
+    /// together, by `vehicle` their drivers do. To be said wherever a number from the split appears.
     #[must_use]
     pub fn leaks(&self) -> bool {
-        let apart = |overlap: &Overlap| self.kinds.get(&overlap.site) != Some(&SplitKind::Recording);
+        let whole = [SplitKind::Recording, SplitKind::Vehicle];
+        let apart = |overlap: &Overlap| self.kinds.get(&overlap.site).is_none_or(|kind| !whole.contains(kind));
         self.kinds.values().any(|kind| *kind == SplitKind::Window) || self.overlaps.iter().any(apart)
     }
 }

@@ -356,12 +356,17 @@ fn recordings_that_show_the_same_vehicles_stay_together() {
 
 #[test]
 fn an_overlap_that_is_not_kept_together_is_called_a_leak_and_kept_in_the_file() {
+    let long = [long("s-0", "s", 23), long("s-1", "s", 11)];
+    let (set, _) = WindowSet::cut(&long, &short_windows()).unwrap();
+    let by_time = |overlaps: &[Overlap]| Split::new(&set, &config(SplitKind::Time, 1), overlaps).unwrap().leaks();
+    assert_eq!((by_time(&[]), by_time(&[overlap(0, 1)])), (false, true));
+
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("split.json");
     let recordings = scenes("s");
     let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
     let split = Split::new(&set, &config(SplitKind::Vehicle, 1), &[overlap(2, 9)]).unwrap();
-    assert!(split.leaks());
+    assert!(!split.leaks(), "drivers are kept together");
     split.save(&set, &path).unwrap();
     let back = Split::load(&set, &path).unwrap();
     assert_eq!(back, split);
@@ -459,7 +464,10 @@ fn a_file_with_a_driver_in_two_parts_is_refused() {
         Split::new(&unaware, &config(SplitKind::Recording, *seed), &[]).unwrap().save(&unaware, &path).unwrap();
         match Split::load(&set, &path).map_err(|error| (error.to_string(), error)) {
             Ok(_) => false,
-            Err((_, DataError::SharedDriver { vehicle, other, .. })) => vehicle == other && [1, 20].contains(&vehicle),
+            Err((_, DataError::SharedDriver { vehicle, other, .. })) => {
+                assert!(vehicle == other && [1, 20].contains(&vehicle), "{vehicle} {other}");
+                true
+            }
             Err((message, _)) => panic!("{message}"),
         }
     });

@@ -16,9 +16,10 @@ use crate::score::{ALL_SITES, load_lines, save_lines};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The first model is better: both intervals, by driver and by event, leave out zero.
+    /// The first model is better: the interval by driver leaves out zero and, with 3 events or more, that by event
+    /// too. With fewer events it rests on drivers alone.
     Better,
-    /// The second model is better: both intervals leave out zero.
+    /// The second model is better: as above.
     Worse,
     /// An interval holds zero, or there is none by driver; also where which way is better is no matter of sign.
     Open,
@@ -47,7 +48,7 @@ impl Verdict {
     }
 }
 
-/// Two models compared by one metric; drivers, and once more events, and seeds resampled for both together.
+/// Two models compared by one metric; drivers, and once more events, resampled for both together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Comparison {
@@ -82,7 +83,7 @@ pub struct Comparison {
     /// Upper end of it.
     #[serde(default)]
     pub event_ci_high: Option<f64>,
-    /// Share of resamples by driver in which the first model is better.
+    /// Share of resamples by driver in which the first model is better; differences between trainings are not in it.
     pub share_better: f64,
     /// Whether the first model is better.
     pub verdict: Verdict,

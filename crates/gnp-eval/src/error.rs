@@ -60,8 +60,8 @@ pub enum EvalError {
     },
     /// A force that a prediction file has no columns for.
     #[error(
-        "cannot write {}: its columns are settled, and a later forecast is explained by another force term, `{term}`; write \
-         forecasts of one model to one file",
+        "cannot write {}: its columns are settled, and a later forecast is explained by another force term, `{term}`; \
+         write forecasts of one model to one file",
         .path.display()
     )]
     Term {

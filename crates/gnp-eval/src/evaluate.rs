@@ -128,7 +128,8 @@ pub struct Batch<'a> {
 /// window adds is kept as sums by vehicle: memory does not grow with the number of windows. Which
 /// vehicles are one driver, and which recordings one event, is a matter of all recordings of `set`:
 /// evaluations on parts of it agree, and may be [pooled](Evaluation::pooled). Densities are scored
-/// of models that come with [`Spreads`]. `watch` sees every answer; an error from it, such as [`EvalError::Stopped`], ends the evaluation.
+/// of models that come with [`Spreads`]. `watch` sees every answer; an error from it, such as [`EvalError::Stopped`],
+/// ends the evaluation.
 ///
 /// # Errors
 /// When the configuration cannot be used, there is no window, two models share a name, an informed

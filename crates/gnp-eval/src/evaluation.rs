@@ -95,10 +95,10 @@ impl Evaluation {
 
     /// This evaluation and another of some of its models, trained with another seed, on the same
     /// windows: what a window adds to a metric of such a model is the mean over its seeds, and intervals
-    /// draw seeds as well as drivers and events.
+    /// are widened by what trainings differ.
     ///
     /// # Errors
-    /// When the windows differ, or a model was not scored here under a protocol.
+    /// When the windows, their drivers or events differ, or a model was not scored here under a protocol.
     pub fn with_seed(mut self, other: Self) -> Result<Self, EvalError> {
         let windows = EvalError::OtherWindows { first: self.setting.windows, second: other.setting.windows };
         if self.setting != other.setting {
@@ -123,7 +123,8 @@ impl Evaluation {
     /// cross-validation, in which a model is trained anew for each.
     ///
     /// # Errors
-    /// When models, their seeds, protocols, kind of data or rate differ.
+    /// When models, their seeds, protocols, kind of data or rate differ, or a vehicle of both has another driver or
+    /// event in one.
     pub fn pooled(mut self, other: Self) -> Result<Self, EvalError> {
         let refuse = |what| EvalError::NotPooled { what };
         let (own, more) = (&mut self.setting, other.setting);
@@ -140,8 +141,8 @@ impl Evaluation {
             return Err(refuse("models or their seeds"));
         }
         for (own, more) in self.sheets.iter_mut().zip(other.sheets) {
-            merge(&mut own.sums, more.sums);
-            merge(&mut own.manoeuvres, more.manoeuvres);
+            let merged = merge(&mut own.sums, more.sums).and_then(|()| merge(&mut own.manoeuvres, more.manoeuvres));
+            merged.ok_or_else(|| refuse("drivers or events"))?;
         }
         Ok(self)
     }
@@ -208,12 +209,12 @@ impl Evaluation {
         }
     }
 
-    /// How much `a` differs from `b` on a site, drivers and events (and seeds) resampled for both together:
+    /// How much `a` differs from `b` on a site, drivers and events resampled for both together:
     /// is one better?
     ///
     /// # Errors
     /// When one of them, the metric or the site was not scored under the protocol, or the metric
-    /// applies to different windows.
+    /// applies to different windows, or these have other drivers or events.
     pub fn difference(
         &self,
         protocol: Protocol,
@@ -238,7 +239,7 @@ impl Evaluation {
         let (Some(sums_a), Some(sums_b)) = (sums(a), sums(b)) else {
             return Err(unpaired("one of the models or the site was not scored"));
         };
-        if sums_a.vehicles() != sums_b.vehicles() || sums_a.windows(index).ne(sums_b.windows(index)) {
+        if !sums_a.same_clusters(sums_b) || sums_a.windows(index).ne(sums_b.windows(index)) {
             return Err(unpaired("they were not scored on the same windows"));
         }
         bootstrap
@@ -259,14 +260,16 @@ fn seeded<K: Ord>(own: BTreeMap<K, Members>, mut more: BTreeMap<K, Members>) -> 
     all.filter(|_| more.is_empty())
 }
 
-fn merge<K: Ord>(own: &mut BTreeMap<K, Members>, more: BTreeMap<K, Members>) {
+/// Adds the sums of other windows; `None` where a vehicle of both has not the same driver and event.
+fn merge<K: Ord>(own: &mut BTreeMap<K, Members>, more: BTreeMap<K, Members>) -> Option<()> {
     for (key, sums) in more {
         match own.entry(key) {
             Entry::Vacant(place) => drop(place.insert(sums)),
             Entry::Occupied(mut place) => {
-                let merged = place.get().merged(&sums);
+                let merged = place.get().merged(&sums)?;
                 place.insert(merged);
             }
         }
     }
+    Some(())
 }

@@ -1,9 +1,9 @@
 //! Metrics: each with a name, a unit, a direction, the number of modes it chooses from, what one
 //! window contributes and how the mean contribution becomes the value.
 //!
-//! "Best of k" means the best of the first k modes (the prediction, then the likeliest others), and every metric chooses its own: the mode
-//! with the least ADE need not be the one with the least FDE. A forecast with fewer than k modes is
-//! scored on those it has.
+//! "Best of k" means the best of the first k modes (the prediction, then the likeliest others), and every metric
+//! chooses its own: the mode with the least ADE need not be the one with the least FDE. A forecast with fewer than k
+//! modes is scored on those it has.
 
 mod density;
 mod displacement;
@@ -49,8 +49,8 @@ pub enum MetricKind {
     LongitudinalBiasAt,
     /// Root of the mean squared error at `h` of the mean of all modes, weighted by probability.
     MixtureMeanRmseAt,
-    /// Root of the mean squared error at `h` of the likeliest mode, the one with the largest probability of all that are
-    /// given (arg-max); of equal ones the first.
+    /// Root of the mean squared error at `h` of the likeliest mode, the one with the largest probability of all that
+    /// are given (arg-max); of equal ones the first.
     LikeliestRmseAt,
     /// Average displacement error: mean error over all frames up to `h`, of the first mode, the prediction.
     Ade,
@@ -192,6 +192,17 @@ impl MetricKind {
             Self::Coverage50At => Direction::Towards(HALF),
             Self::Coverage90At => Direction::Towards(NINE_TENTHS),
             _ => Direction::Lower,
+        }
+    }
+
+    /// Least and largest value that it can have.
+    #[must_use]
+    pub(crate) fn range(self) -> [f64; 2] {
+        match self.unit() {
+            Unit::Share => [0., 1.],
+            Unit::Nat => [f64::NEG_INFINITY, f64::INFINITY],
+            _ if self == Self::LongitudinalBiasAt => [f64::NEG_INFINITY, f64::INFINITY],
+            _ => [0., f64::INFINITY],
         }
     }
 

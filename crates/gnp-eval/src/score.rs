@@ -25,7 +25,8 @@ pub struct Score {
     pub manoeuvre: Option<Manoeuvre>,
     /// Name of the model.
     pub model: String,
-    /// Seeds with which it was trained: windows are averaged over them, and the interval draws them.
+    /// Seeds with which it was trained: windows are averaged over them, and the intervals are wider by what trainings
+    /// differ.
     #[serde(default = "one_seed")]
     pub seeds: usize,
     /// The protocol.

@@ -1,12 +1,12 @@
 //! Densities of forecasts, by one definition for every system.
 //!
 //! A forecast is a set of paths with probabilities, of which few systems say how wide they are. At each whole second it
-//! is read as a mixture of Gaussians with its modes as means and their probabilities as weights. All its components have
-//! the same two standard deviations, along and across the road, and so have all windows of a site: these are the only
-//! numbers that are fitted, by maximum likelihood, to windows on which the system is not scored. A rule of one future has
-//! one Gaussian.
+//! is read as a mixture of Gaussians with its modes as means and their probabilities as weights. All its components
+//! have the same two standard deviations, along and across the road, and so have all windows of a site: these are the
+//! only numbers that are fitted, by maximum likelihood, to windows on which the system is not scored. A rule of one
+//! future has one Gaussian.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
 use gnp_data::{Mode, Predictor, Window, WindowId, WindowSet};
@@ -16,12 +16,13 @@ use crate::case::{Reference, ScoredWindow, whole_seconds};
 use crate::error::EvalError;
 use crate::evaluate::{Batch, EvaluatedModel, batches, in_order};
 use crate::protocol::Protocol;
+use crate::sums::VehicleId;
 
 /// Least standard deviation, m: positions are not measured better than this, and a system without any error on the
 /// windows of the fit still has a density.
 const LEAST_M: f64 = 0.01;
-/// Fewest windows of a site for standard deviations of its own.
-const LEAST_WINDOWS: usize = 10;
+/// Fewest vehicles of a site for standard deviations of its own: windows of one vehicle err alike.
+const LEAST_VEHICLES: usize = 10;
 /// Most windows of a site that enter the fit, about; of more, every n-th instant is taken.
 const MOST_WINDOWS: usize = 2000;
 /// Steps of the fit, at most.
@@ -54,12 +55,19 @@ type Component = [f64; 3];
 /// The modes of each window by whole second, `[seconds][windows][modes]`.
 type Recorded = Vec<Vec<Vec<Component>>>;
 
+/// What a site adds to the fit.
+#[derive(Default)]
+struct SiteWindows {
+    vehicles: BTreeSet<VehicleId>,
+    recorded: Recorded,
+}
+
 impl Spreads {
     /// Fits the spreads of `model` to the windows `ids` of `set`, which must not be among those that are scored.
     ///
-    /// The model is asked for as many futures as metrics of all modes are taken from. Sites with fewer than 10 windows,
-    /// and those that are not among the windows at all, get the spreads of all windows together. `watch` sees every
-    /// answer and may stop.
+    /// The model is asked for as many futures as metrics of all modes are taken from. Sites with windows of fewer than
+    /// 10 vehicles (a vehicle of two recordings counts twice), and those that are not among the windows at all, get the
+    /// spreads of all windows together. `watch` sees every answer and may stop.
     ///
     /// # Errors
     /// When there is no window, no whole second has a frame, the model fails or gives a forecast that cannot be scored,
@@ -75,7 +83,7 @@ impl Spreads {
         let ids = thinned(set, &in_order(set, ids)?);
         let asked = Protocol::Clean.asks().iter().copied().max().unwrap_or(1);
         let model = EvaluatedModel::Predictor(model);
-        let mut sites: BTreeMap<&str, Recorded> = BTreeMap::new();
+        let mut sites: BTreeMap<&str, SiteWindows> = BTreeMap::new();
         let (mut done, total) = (0, ids.len());
         for batch in batches(set, &ids, batch.max(1)) {
             let windows: Vec<Window<'_>> = batch.iter().filter_map(|id| set.get(*id)).collect();
@@ -89,8 +97,11 @@ impl Spreads {
                     window: window.key(),
                     problem,
                 })?;
-                let site = sites.entry(window.observation().site()).or_insert_with(|| vec![Vec::new(); seconds.len()]);
-                for (recorded, second) in site.iter_mut().zip(&seconds) {
+                let site = sites.entry(window.observation().site()).or_default();
+                let key = window.key();
+                site.vehicles.insert(VehicleId { recording: key.recording, vehicle: key.vehicle });
+                site.recorded.resize_with(seconds.len(), Vec::new);
+                for (recorded, second) in site.recorded.iter_mut().zip(&seconds) {
                     recorded.push(components(&case, reference.frames(*second)?));
                 }
             }
@@ -98,10 +109,10 @@ impl Spreads {
         if total == 0 {
             return Err(EvalError::NoWindows);
         }
-        let all: Vec<&Recorded> = sites.values().collect();
-        let own = sites.iter().filter(|(_, recorded)| recorded.iter().all(|windows| windows.len() >= LEAST_WINDOWS));
+        let all: Vec<&Recorded> = sites.values().map(|site| &site.recorded).collect();
+        let own = sites.iter().filter(|(_, site)| site.vehicles.len() >= LEAST_VEHICLES);
         Ok(Self {
-            sites: own.map(|(site, recorded)| ((*site).to_owned(), by_second(&[recorded], &seconds))).collect(),
+            sites: own.map(|(name, site)| ((*name).to_owned(), by_second(&[&site.recorded], &seconds))).collect(),
             pooled: by_second(&all, &seconds),
         })
     }

@@ -53,8 +53,8 @@ pub struct SiteSummary {
     pub vehicles: usize,
     /// The model, the reference and the best rule; two rows where the reference is the best rule.
     pub rows: Vec<SummaryRow>,
-    /// Whether the model is better than the best rule by RMSE, drivers and events resampled for both together;
-    /// `None` where they were not compared.
+    /// Whether the model is better than the best rule by RMSE, drivers and, where there are 3 or more, events
+    /// resampled for both together; `None` where they were not compared.
     pub verdict: Option<Verdict>,
 }
 
@@ -223,8 +223,9 @@ impl Summary {
     fn note(&self) -> String {
         let simulated = if self.simulated { "Data: *simulated*. " } else { "" };
         format!(
-            "{simulated}Protocol clean: no future input. Intervals: 95 %, by driver; better or worse is said where that by event, too, leaves out zero. minFDE_{K} is the nearest of {K} \
-             futures; a rule gives one. Best rule: the lowest RMSE of the rules on the site."
+            "{simulated}Protocol clean: no future input. Intervals: 95 %, by driver; better or worse is said where \
+             that of the difference leaves out zero and, with 3 events or more, that by event too. minFDE_{K} is the \
+             nearest of {K} futures; a rule gives one. Best rule: the lowest RMSE of the rules on the site."
         )
     }
 }

@@ -70,19 +70,23 @@ impl MetricSums {
         }
     }
 
-    /// These and the sums of other windows as one; a vehicle with windows in both is one vehicle.
+    /// These and the sums of other windows as one; a vehicle with windows in both is one vehicle. `None` where it
+    /// has not the same driver and event in both.
     #[must_use]
-    pub(crate) fn merged(&self, other: &Self) -> Self {
+    pub(crate) fn merged(&self, other: &Self) -> Option<Self> {
         let mut rows: BTreeMap<VehicleId, Row> = BTreeMap::new();
         for (vehicle, (cluster, row)) in [self, other].into_iter().flat_map(Self::whole_rows) {
             let empty = || (cluster.clone(), vec![Cell::default(); row.len()]);
-            let (_, cells) = rows.entry(vehicle.clone()).or_insert_with(empty);
+            let (known, cells) = rows.entry(vehicle.clone()).or_insert_with(empty);
+            if known != cluster {
+                return None;
+            }
             for (cell, more) in cells.iter_mut().zip(row) {
                 cell.sum += more.sum;
                 cell.windows += more.windows;
             }
         }
-        Self::of_rows(rows, self.width)
+        Some(Self::of_rows(rows, self.width))
     }
 
     /// The sums of several sites as one.
@@ -126,12 +130,20 @@ impl Members {
         Self(vec![sums])
     }
 
-    /// These and those of further seeds; `None` where they are not of the same vehicles.
+    /// These and those of further seeds; `None` where they are not of the same vehicles, drivers and
+    /// events.
     #[must_use]
     pub(crate) fn with(mut self, more: Self) -> Option<Self> {
-        let same = more.0.iter().all(|sums| sums.vehicles == self.vehicles());
+        let same = self.same_clusters(&more);
         self.0.extend(more.0);
         same.then_some(self)
+    }
+
+    /// Whether both are of the same vehicles, drivers and events.
+    #[must_use]
+    pub(crate) fn same_clusters(&self, other: &Self) -> bool {
+        let Some(own) = self.0.first() else { return other.0.is_empty() };
+        other.0.iter().all(|sums| sums.vehicles == own.vehicles && sums.clusters == own.clusters)
     }
 
     /// Number of seeds.
@@ -140,26 +152,18 @@ impl Members {
         self.0.len()
     }
 
-    /// What each cluster of a draw, in order, adds to the metric at each of `indices`: `[seeds][clusters][indices]`.
+    /// What each cluster of a draw, in order, adds over all seeds to the metric at each of `indices`:
+    /// `[clusters][indices]`.
     #[must_use]
-    pub(crate) fn pools(&self, draw: Draw, metrics: &[(usize, MetricKind)]) -> Vec<Vec<Vec<Pool>>> {
-        let of_seed = |sums: &MetricSums| {
-            let mut clusters: BTreeMap<&VehicleId, Vec<Pool>> = BTreeMap::new();
-            for (cluster, row) in sums.clusters.iter().zip(sums.rows()) {
-                let pools = clusters.entry(cluster.of(draw)).or_insert_with(|| vec![Pool::default(); metrics.len()]);
-                for (pool, (index, kind)) in pools.iter_mut().zip(metrics) {
-                    pool.add(&row[*index], *kind);
-                }
+    pub(crate) fn pools(&self, draw: Draw, metrics: &[(usize, MetricKind)]) -> Vec<Vec<Pool>> {
+        let mut clusters: BTreeMap<&VehicleId, Vec<Pool>> = BTreeMap::new();
+        for (cluster, row) in self.0.iter().flat_map(|sums| sums.clusters.iter().zip(sums.rows())) {
+            let pools = clusters.entry(cluster.of(draw)).or_insert_with(|| vec![Pool::default(); metrics.len()]);
+            for (pool, (index, kind)) in pools.iter_mut().zip(metrics) {
+                pool.add(&row[*index], *kind);
             }
-            clusters.into_values().collect()
-        };
-        self.0.iter().map(of_seed).collect()
-    }
-
-    /// The vehicles, in order of recording and number.
-    #[must_use]
-    pub(crate) fn vehicles(&self) -> &[VehicleId] {
-        self.0.first().map_or(&[], MetricSums::vehicles)
+        }
+        clusters.into_values().collect()
     }
 
     /// Windows by vehicle that contributed to the metric at `index`.
@@ -183,10 +187,22 @@ impl Members {
         pool.value(kind)
     }
 
-    /// These and those of other windows as one, seed by seed; both must have as many.
+    /// The metric at `index` of each seed over all vehicles.
     #[must_use]
-    pub(crate) fn merged(&self, other: &Self) -> Self {
-        Self(self.0.iter().zip(&other.0).map(|(own, more)| own.merged(more)).collect())
+    pub(crate) fn by_seed(&self, index: usize, kind: MetricKind) -> Vec<f64> {
+        let of_seed = |sums: &MetricSums| {
+            let mut pool = Pool::default();
+            sums.rows().for_each(|row| pool.add(&row[index], kind));
+            pool.value(kind)
+        };
+        self.0.iter().filter_map(of_seed).collect()
+    }
+
+    /// These and those of other windows as one, seed by seed; both must have as many. `None` where a vehicle of
+    /// both has not the same driver and event.
+    #[must_use]
+    pub(crate) fn merged(&self, other: &Self) -> Option<Self> {
+        self.0.iter().zip(&other.0).map(|(own, more)| own.merged(more)).collect::<Option<_>>().map(Self)
     }
 }
 
@@ -329,9 +345,25 @@ mod tests {
         assert_eq!((both.seeds(), both.counts(0)), (2, counts(2, 2, 2)));
         assert!((both.value(0, MetricKind::RmseAt).unwrap() - 2.).abs() < 1e-12, "squared errors 5 and 3");
         assert_eq!(both.clone().with(Members::one(two_vehicles())), None, "other vehicles");
-        let folds = both.merged(&both);
+        let folds = both.merged(&both).unwrap();
         assert_eq!((folds.seeds(), folds.counts(0)), (2, counts(4, 2, 2)));
         assert_eq!(folds.value(0, MetricKind::RmseAt), both.value(0, MetricKind::RmseAt));
+    }
+
+    /// A vehicle that is one driver here and another there was named from other recordings.
+    #[test]
+    fn drivers_and_events_must_be_the_same() {
+        let of = |cluster: [(&str, u32); 2]| {
+            let mut gatherer = Gatherer::new(1);
+            gatherer.add_of("a", 1, cluster, &[Some(1.)]);
+            Members::one(gatherer.finish())
+        };
+        let own = of([("a", 1); 2]);
+        assert!(own.clone().with(own.clone()).is_some() && own.merged(&own).is_some());
+        for other in [of([("a", 2), ("a", 1)]), of([("a", 1), ("b", 1)])] {
+            assert!(own.clone().with(other.clone()).is_none() && own.merged(&other).is_none());
+            assert!(!own.same_clusters(&other) && own.same_clusters(&own));
+        }
     }
 
     #[test]
@@ -360,10 +392,8 @@ mod tests {
         let sums = Members::one(gatherer.finish());
         assert_eq!(sums.counts(0), counts(40, 1, 2));
         let pooled = |draw| {
-            sums.pools(draw, &[(0, MetricKind::Ade)])[0]
-                .iter()
-                .map(|it| it[0].value(MetricKind::Ade))
-                .collect::<Vec<_>>()
+            let pools = sums.pools(draw, &[(0, MetricKind::Ade)]);
+            pools.iter().map(|it| it[0].value(MetricKind::Ade)).collect::<Vec<_>>()
         };
         assert_eq!(pooled(Draw::Drivers), [Some(2.)]);
         assert_eq!(pooled(Draw::Events), [Some(1.), Some(3.)]);

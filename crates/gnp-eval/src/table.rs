@@ -57,20 +57,17 @@ impl TableCell {
 
     /// On one line: the value, and its intervals in brackets.
     pub(crate) fn with_interval(&self) -> String {
-        let inner = self.interval.map(|interval| format!(" ({})", ends(interval)));
-        let outer = self.by_event.map(|interval| format!(" [{}]", ends(interval)));
-        format!("{}{}{}", self.text, inner.unwrap_or_default(), outer.unwrap_or_default())
+        let intervals = self.interval_text().map(|text| format!(" {text}"));
+        format!("{}{}", self.text, intervals.unwrap_or_default())
     }
 
-    /// The intervals as `low to high`, and the wider one as `by event low to high` after it.
+    /// The intervals in their brackets, as `(5.20 to 5.80) [4.90 to 6.10]`: the second by event. `None` without any.
     #[must_use]
     pub fn interval_text(&self) -> Option<String> {
-        let inner = self.interval.map(ends);
-        let outer = self.by_event.map(|interval| format!("by event {}", ends(interval)));
-        match (inner, outer) {
-            (Some(inner), Some(outer)) => Some(format!("{inner}, {outer}")),
-            (inner, outer) => inner.or(outer),
-        }
+        let inner = self.interval.map(|interval| format!("({})", ends(interval)));
+        let outer = self.by_event.map(|interval| format!("[{}]", ends(interval)));
+        let both: Vec<String> = inner.into_iter().chain(outer).collect();
+        (!both.is_empty()).then(|| both.join(" "))
     }
 }
 

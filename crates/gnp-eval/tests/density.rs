@@ -6,7 +6,7 @@ mod road;
 
 use std::f64::consts::TAU;
 
-use gnp_data::{Forecast, Observation, PredictError, Predictor, Recording, WindowSet};
+use gnp_data::{Forecast, Observation, PredictError, Predictor, Recording, WindowConfig, WindowSet};
 use gnp_eval::{ALL_SITES, EvalError, EvaluatedModel, Metric, MetricKind, Protocol, Score, Spreads, evaluate};
 use road::{Car, Straight, config, find, recording, windows};
 
@@ -41,7 +41,7 @@ fn value(scores: &[Score], site: &str, metric: Metric) -> f64 {
 /// On the windows of the fit itself, where the mean squared error is the variance, the likelihood of one Gaussian is
 /// known: 1/2 and the log of 2 pi times both deviations. Across the road there is no error: 1 cm.
 #[test]
-fn spreads_are_by_site_where_there_are_enough_windows() {
+fn spreads_are_by_site_where_there_are_enough_vehicles() {
     let recordings = roads();
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let model = single();
@@ -56,7 +56,7 @@ fn spreads_are_by_site_where_there_are_enough_windows() {
         assert!((own.along_m - rmse("s", at)).abs() < 1e-6 && own.across_m == 0.01, "{own:?}");
         let nll = value(&scores, "s", Metric::of_all(MetricKind::NllAt, at));
         assert!((nll - 0.5 - (TAU * own.along_m * 0.01).ln()).abs() < 1e-6, "{nll}");
-        // Three windows are too few for spreads of their own; a site never seen has none either.
+        // Three vehicles are too few for spreads of their own; a site never seen has none either.
         let pooled = spreads.of("t").iter().find(|it| it.horizon_s == at).unwrap();
         assert!((pooled.along_m - rmse(ALL_SITES, at)).abs() < 1e-6, "{pooled:?}");
         assert_eq!(spreads.of("elsewhere"), spreads.of("t"));
@@ -64,9 +64,31 @@ fn spreads_are_by_site_where_there_are_enough_windows() {
     let mean = value(&scores, "s", Metric::of_all(MetricKind::NllTo, 2.));
     let both = [1., 2.].map(|at| value(&scores, "s", Metric::of_all(MetricKind::NllAt, at)));
     assert!((mean - (both[0] + both[1]) / 2.).abs() < 1e-12);
-    for kind in [MetricKind::Coverage50At, MetricKind::Coverage90At] {
-        assert!((0. ..=1.).contains(&value(&scores, "s", Metric::of_all(kind, 2.))));
+    // Errors of -2.5 to 3 m by half metres, whose root mean square is 1.74 m: five lie within 0.674 of these, eleven
+    // within 1.645.
+    for (kind, inside) in [(MetricKind::Coverage50At, 5.), (MetricKind::Coverage90At, 11.)] {
+        let found = value(&scores, "s", Metric::of_all(kind, 2.));
+        assert!((found - inside / 12.).abs() < 1e-12, "{kind:?}: {found}");
     }
+}
+
+/// Fifteen windows of three vehicles are no more than three vehicles; in two recordings of a site vehicles add up.
+#[test]
+fn windows_of_few_vehicles_have_the_spreads_of_all_sites() {
+    let [many, few] = roads();
+    let cars: Vec<Car> = (1..=7).map(|i| Car { vehicle: i, x0: 60. * i as f32, y: 2., v: 20., a: i as f32 }).collect();
+    let halves = [recording("c", "u", false, &cars[..5]), recording("d", "u", false, &cars[..5])];
+    let recordings: Vec<Recording> =
+        [many, few].into_iter().chain(halves).chain([recording("e", "v", false, &cars)]).collect();
+    let config = WindowConfig { observed_s: 1., predicted_s: 1., stride_s: 0.5, ..windows() };
+    let (set, _) = WindowSet::cut(&recordings, &config).unwrap();
+    let on = |site: &str| set.iter().filter(|window| window.observation().site() == site).count();
+    assert!(on("t") > 10 && on("u") > 10 && on("v") > 10, "windows enough");
+    let spreads = Spreads::fit(&set, set.ids(), &single(), 4, &mut |_| Ok(())).unwrap();
+    let pooled = spreads.of("elsewhere");
+    assert_eq!((spreads.of("t"), spreads.of("v")), (pooled, pooled));
+    assert_ne!(spreads.of("s"), pooled);
+    assert_ne!(spreads.of("u"), pooled);
 }
 
 /// A model without spreads has no density, and is not compared by one.

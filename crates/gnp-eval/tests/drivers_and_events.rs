@@ -72,8 +72,8 @@ impl Predictor for Astray {
     }
 }
 
-/// In three of four scenes one model is better, and for every driver so on the whole. By driver that is sure; whether it
-/// would be so in other scenes, four do not say.
+/// In three of four scenes one model is better, and for every driver so on the whole. By driver that is sure; whether
+/// it would be so in other scenes, four do not say.
 #[test]
 fn events_must_agree_for_a_verdict() {
     let recordings = scenes();

@@ -10,7 +10,7 @@ use gnp_data::{
     WindowShape, nearest_to_mean,
 };
 use gnp_goal::GoalNet;
-use gnp_modes::{ModeFrame, Modes};
+use gnp_modes::Modes;
 use gnp_traj::{Arity, ForceTerm, Phase, RollOut, RollOutBatch, SocialForce, TermRollOut};
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -23,7 +23,6 @@ use crate::features::Features;
 use crate::scene::NeighbourFuture;
 use crate::select::{Selection, medoids};
 use crate::situation::{ReferencePath, Situation};
-use crate::trust::Trust;
 
 /// A trained GNP. A clone is cheap and shares the networks.
 ///
@@ -40,7 +39,7 @@ pub struct Gnp {
     pub(crate) trained: Arc<Trained>,
     neighbours: NeighbourFuture,
     selection: Selection,
-    trust: f32,
+    pub(crate) trust: f32,
     explain: bool,
     pool: Option<Arc<ThreadPool>>,
     name: &'static str,
@@ -49,12 +48,12 @@ pub struct Gnp {
 /// What was trained.
 #[derive(Clone, Debug)]
 pub(crate) struct Trained {
-    header: Header,
+    pub(crate) header: Header,
     pub(crate) features: Features,
-    modes: Modes,
+    pub(crate) modes: Modes,
     /// Mode centres in units of `length_scale`, `[modes, t_pred, 2]`.
-    centres: Tensor,
-    goal: GoalNet,
+    pub(crate) centres: Tensor,
+    pub(crate) goal: GoalNet,
     pub(crate) force: Option<(SocialForce, Phase)>,
     pub(crate) device: Device,
 }
@@ -159,35 +158,6 @@ impl Gnp {
     #[must_use]
     pub fn selecting(self, selection: Selection) -> Self {
         Self { selection, ..self }
-    }
-
-    /// How much of what the network expects on average beyond the reference path is believed; all of it unless
-    /// set. The rest is left out of every future, so that they keep their distances to each other.
-    ///
-    /// # Errors
-    /// [`ModelError::Config`] for a share that is none, for a fitted one where none is kept with the weights, or for less than
-    /// all where futures are no deviations from a reference.
-    pub fn trusting(self, trust: Trust) -> Result<Self, ModelError> {
-        let refuse = |problem| Err(ModelError::config("predict.trust", problem));
-        let share = match trust {
-            Trust::Share(share) => share,
-            Trust::Fitted => match self.trained.header.trust {
-                Some(share) => share,
-                None => return refuse("is \"fitted\", but no share is kept with these weights: give one, such as 1.0"),
-            },
-        };
-        if !(0. ..=1.).contains(&share) {
-            return refuse("must be between 0 and 1");
-        }
-        if share < 1. && !self.has_reference() {
-            return refuse("is below 1, but futures are positions and have no reference: set it to 1.0");
-        }
-        Ok(Self { trust: share as f32, ..self })
-    }
-
-    /// Whether futures are deviations from a reference path.
-    pub(crate) fn has_reference(&self) -> bool {
-        self.trained.features.mode_frame() != ModeFrame::Position
     }
 
     /// Whether forecasts carry the forces of every step.
@@ -357,31 +327,6 @@ impl Gnp {
             out.probabilities.push(picked.into_iter().map(|(_, probability)| probability).collect());
         }
         Ok(out)
-    }
-
-    /// The mean of all decoded futures of each window, in its frame, m: what is expected before any share of it is left out.
-    pub(crate) fn expected(&self, situations: &[Situation<'_>]) -> Result<Vec<Vec<[f32; 2]>>, ModelError> {
-        let Trained { features, modes, centres, goal, device, .. } = &*self.trained;
-        let inputs = features.goal_inputs(situations, device)?;
-        let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, modes.len())?;
-        let futures = (goals.futures * features.config().length_scale)?.flatten_all()?.to_vec1::<f32>()?;
-        let by_window = futures.chunks_exact(2 * features.shape().t_pred * modes.len());
-        let probabilities = goals.probabilities.to_vec2::<f32>()?;
-        let mean = |(situation, (paths, probabilities)): (&Situation<'_>, (&[f32], &Vec<f32>))| {
-            features.to_window_frame(situation, &mean_path(paths, probabilities))
-        };
-        Ok(situations.iter().zip(by_window.zip(&probabilities)).map(mean).collect())
-    }
-
-    /// Takes from the `paths` `[modes, t_pred, 2]` of a window, deviations, what is not believed of their mean.
-    fn shrink(&self, paths: &mut [f32], probabilities: &[f32]) {
-        if self.trust >= 1. {
-            return;
-        }
-        let mean = mean_path(paths, probabilities);
-        for path in paths.chunks_exact_mut(mean.len().max(1)) {
-            path.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= (1. - self.trust) * mean);
-        }
     }
 
     fn forecast(
@@ -614,13 +559,4 @@ impl OraclePredictor for TrueGoal {
         let goals: Vec<_> = windows.iter().map(|window| vec![window.truth().goal()]).collect();
         self.gnp.predict_towards(&observations, &goals)
     }
-}
-/// Mean of `paths` `[modes, t_pred, 2]`, weighted by probability.
-fn mean_path(paths: &[f32], probabilities: &[f32]) -> Vec<f32> {
-    let values = paths.len() / probabilities.len().max(1);
-    let mut mean = vec![0f32; values];
-    for (path, probability) in paths.chunks_exact(values.max(1)).zip(probabilities) {
-        mean.iter_mut().zip(path).for_each(|(mean, value)| *mean += probability * value);
-    }
-    mean
 }

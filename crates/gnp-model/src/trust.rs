@@ -3,12 +3,14 @@
 use std::fmt;
 
 use gnp_data::Window;
+use gnp_modes::ModeFrame;
 use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::augmented_view::AugmentedView;
 use crate::error::ModelError;
-use crate::gnp::Gnp;
+use crate::gnp::{Gnp, Trained};
+use crate::situation::Situation;
 
 /// How much of what the goal network expects on average beyond the reference path is believed. What is learned from few
 /// windows is right about the direction more often than about the size.
@@ -90,6 +92,62 @@ impl<'de> Deserialize<'de> for Trust {
 const BATCH: usize = 256;
 
 impl Gnp {
+    /// How much of what the network expects on average beyond the reference path is believed; all of it unless
+    /// set. The rest is left out of every future, so that they keep their distances to each other.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] for a share that is none, for a fitted one where none is kept with the weights, or for less than
+    /// all where futures are no deviations from a reference.
+    pub fn trusting(self, trust: Trust) -> Result<Self, ModelError> {
+        let refuse = |problem| Err(ModelError::config("predict.trust", problem));
+        let share = match trust {
+            Trust::Share(share) => share,
+            Trust::Fitted => match self.trained.header.trust {
+                Some(share) => share,
+                None => return refuse("is \"fitted\", but no share is kept with these weights: give one, such as 1.0"),
+            },
+        };
+        if !(0. ..=1.).contains(&share) {
+            return refuse("must be between 0 and 1");
+        }
+        if share < 1. && !self.has_reference() {
+            return refuse("is below 1, but futures are positions and have no reference: set it to 1.0");
+        }
+        let mut gnp = self;
+        gnp.trust = share as f32;
+        Ok(gnp)
+    }
+
+    /// Whether futures are deviations from a reference path.
+    pub(crate) fn has_reference(&self) -> bool {
+        self.trained.features.mode_frame() != ModeFrame::Position
+    }
+
+    /// The mean of all decoded futures of each window, in its frame, m: what is expected before any share of it is left out.
+    fn expected(&self, situations: &[Situation<'_>]) -> Result<Vec<Vec<[f32; 2]>>, ModelError> {
+        let Trained { features, modes, centres, goal, device, .. } = &*self.trained;
+        let inputs = features.goal_inputs(situations, device)?;
+        let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, modes.len())?;
+        let futures = (goals.futures * features.config().length_scale)?.flatten_all()?.to_vec1::<f32>()?;
+        let by_window = futures.chunks_exact(2 * features.shape().t_pred * modes.len());
+        let probabilities = goals.probabilities.to_vec2::<f32>()?;
+        let mean = |(situation, (paths, probabilities)): (&Situation<'_>, (&[f32], &Vec<f32>))| {
+            features.to_window_frame(situation, &mean_path(paths, probabilities))
+        };
+        Ok(situations.iter().zip(by_window.zip(&probabilities)).map(mean).collect())
+    }
+
+    /// Takes from the `paths` `[modes, t_pred, 2]` of a window, deviations, what is not believed of their mean.
+    pub(crate) fn shrink(&self, paths: &mut [f32], probabilities: &[f32]) {
+        if self.trust >= 1. {
+            return;
+        }
+        let mean = mean_path(paths, probabilities);
+        for path in paths.chunks_exact_mut(mean.len().max(1)) {
+            path.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= (1. - self.trust) * mean);
+        }
+    }
+
     /// The share of what the goal network expects on average beyond the reference path, 0 to 1, with the least squared
     /// error over all predicted frames of `windows`, each counted with its weight; `None` where futures are positions and
     /// have no reference. Windows of the validation part are those to ask for.
@@ -100,12 +158,11 @@ impl Gnp {
         if !self.has_reference() {
             return Ok(None);
         }
-        let whole = self.clone().trusting(Trust::Share(1.))?;
         let (mut product, mut square) = (0., 0.);
         for windows in windows.chunks(BATCH) {
             let observations: Vec<_> = windows.iter().map(|(window, _)| window.observation()).collect();
-            let situations = whole.situations(&observations)?;
-            let expected = whole.expected(&situations)?;
+            let situations = self.situations(&observations)?;
+            let expected = self.expected(&situations)?;
             for ((window, weight), (situation, mean)) in windows.iter().zip(situations.iter().zip(&expected)) {
                 let (truth, seen) = (window.truth(), AugmentedView::recorded(window.observation()));
                 for (j, mean) in mean.iter().enumerate() {
@@ -120,6 +177,16 @@ impl Gnp {
         }
         Ok(Some(if square > 0. { (product / square).clamp(0., 1.) } else { 0. }))
     }
+}
+
+/// Mean of `paths` `[modes, t_pred, 2]`, weighted by probability.
+fn mean_path(paths: &[f32], probabilities: &[f32]) -> Vec<f32> {
+    let values = paths.len() / probabilities.len().max(1);
+    let mut mean = vec![0f32; values];
+    for (path, probability) in paths.chunks_exact(values.max(1)).zip(probabilities) {
+        mean.iter_mut().zip(path).for_each(|(mean, value)| *mean += probability * value);
+    }
+    mean
 }
 
 #[cfg(test)]

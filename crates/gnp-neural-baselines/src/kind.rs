@@ -59,14 +59,14 @@ impl NeuralBaseline {
     pub fn name_in(self, form: OutputForm) -> &'static str {
         match (form, self) {
             (OutputForm::Published, _) => self.name(),
-            (OutputForm::Deviation, Self::SLstm) => "S-LSTM, our data treatment",
-            (OutputForm::Deviation, Self::CsLstm) => "CS-LSTM, our data treatment",
-            (OutputForm::Deviation, Self::CsLstmM) => "CS-LSTM(M), our data treatment",
-            (OutputForm::Deviation, Self::PipInformed) => "PiP (ego future known), our data treatment",
-            (OutputForm::Deviation, Self::PipNoPlan) => "PiP-noPlan, our data treatment",
-            (OutputForm::Deviation, Self::PipSurrogate) => "PiP (surrogate plan), our data treatment",
-            (OutputForm::Deviation, Self::Stdan) => "STDAN, our data treatment",
-            (OutputForm::Deviation, Self::StdanMasked) => "STDAN-masked, our data treatment",
+            (OutputForm::Deviation, Self::SLstm) => "S-LSTM + platoon",
+            (OutputForm::Deviation, Self::CsLstm) => "CS-LSTM + platoon",
+            (OutputForm::Deviation, Self::CsLstmM) => "CS-LSTM(M) + platoon",
+            (OutputForm::Deviation, Self::PipInformed) => "PiP (ego future known) + platoon",
+            (OutputForm::Deviation, Self::PipNoPlan) => "PiP-noPlan + platoon",
+            (OutputForm::Deviation, Self::PipSurrogate) => "PiP (surrogate plan) + platoon",
+            (OutputForm::Deviation, Self::Stdan) => "STDAN + platoon",
+            (OutputForm::Deviation, Self::StdanMasked) => "STDAN-masked + platoon",
         }
     }
 

@@ -192,8 +192,11 @@ impl Stage for RecipeStage<'_> {
             let weight = if warm_up { self.class_weight() } else { 1. };
             loss = (loss + (more * weight)?)?;
         } else if let Some(classes) = &output.classes {
-            // The class heads wait with a gradient of 0, which is not the same as none.
-            loss = (loss + (classes.lateral.sum_all()? * 0.)? + (classes.longitudinal.sum_all()? * 0.)?)?;
+            // The class heads wait with a gradient of 0, which is not the same as none. (candle follows no product with
+            // the number 0.)
+            for head in [&classes.lateral, &classes.longitudinal] {
+                loss = (loss + (head * head.zeros_like()?)?.sum_all()?)?;
+            }
         }
         Ok(loss)
     }

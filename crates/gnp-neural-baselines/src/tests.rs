@@ -10,6 +10,7 @@ use gnp_data::{Forecast, OraclePredictor, Predictor, Recording, Window, WindowId
 use gnp_nn::Weights;
 use gnp_train::{BatchReport, Observer, Schedule, Stage, TrainError};
 
+use crate::checkpoint::{Checkpoint, Header};
 use crate::learned::inputs;
 use crate::net::Net;
 use crate::network::{Ask, Output};
@@ -225,7 +226,7 @@ fn the_share_that_is_believed_is_the_best_one() {
     let kind = NeuralBaseline::CsLstm;
     let learned = TrainedBaseline::train(kind, &recipe(), &data, folder.path(), &Device::Cpu, (), &stop).unwrap();
     let trust = learned.header().trust.expect("it is fitted");
-    assert_eq!((learned.name(), learned.form()), ("CS-LSTM, our data treatment", OutputForm::Deviation));
+    assert_eq!((learned.name(), learned.form()), ("CS-LSTM + platoon", OutputForm::Deviation));
     let windows: Vec<_> = validation.iter().map(|id| set.get(*id).unwrap()).collect();
     let error = |trust: f64| -> f64 {
         let seen: Vec<_> = windows.iter().map(|window| OrientedView::recorded(&window.observation())).collect();
@@ -355,8 +356,11 @@ fn a_stopped_training_ends_like_one_that_never_stopped_and_reads_back() {
     let recordings = [road::plain()];
     let (set, _) = WindowSet::cut(&recordings, &road::config()).unwrap();
     let (train, validation) = parts(&set);
-    let data = Training { set: &set, train: &train, validation: &validation, split_hash: "split", reference: None };
-    for kind in [NeuralBaseline::CsLstmM, NeuralBaseline::PipSurrogate] {
+    let rule = platoon();
+    for (kind, reference) in
+        [(NeuralBaseline::CsLstmM, None), (NeuralBaseline::CsLstmM, Some(&rule)), (NeuralBaseline::PipSurrogate, None)]
+    {
+        let data = Training { set: &set, train: &train, validation: &validation, split_hash: "split", reference };
         let (whole, broken) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let go = |folder: &std::path::Path, after: u64| {
             let stop = AtomicBool::new(false);
@@ -375,8 +379,7 @@ fn a_stopped_training_ends_like_one_that_never_stopped_and_reads_back() {
         assert!(straight.header().simulated && straight.header().split_hash == "split");
 
         let mut loaded =
-            TrainedBaseline::load(&TrainedBaseline::path(whole.path(), kind, OutputForm::Published), &Device::Cpu)
-                .unwrap();
+            TrainedBaseline::load(&TrainedBaseline::path(whole.path(), kind, straight.form()), &Device::Cpu).unwrap();
         if kind == NeuralBaseline::PipSurrogate {
             let refused = loaded.predict(&observations, 6).unwrap_err().to_string();
             assert!(refused.contains("PiP (ego future known)"), "{refused}");
@@ -390,6 +393,15 @@ fn a_stopped_training_ends_like_one_that_never_stopped_and_reads_back() {
         assert!(modes[1..].is_sorted_by(|a, b| a.probability >= b.probability));
         let windows: Vec<_> = validation.iter().map(|id| set.get(*id).unwrap()).collect();
         assert!(loaded.nll(&windows).unwrap().iter().all(|nll| nll.is_finite()));
+
+        // Stopped between the last epoch and the share that is believed, and with its best weights gone.
+        let path = TrainedBaseline::path(whole.path(), kind, straight.form());
+        let Checkpoint { header, tensors } = Checkpoint::load(&path).unwrap();
+        assert_eq!(header.trust.is_some(), reference.is_some());
+        Checkpoint { header: Header { trust: None, ..header.clone() }, tensors }.save(&path).unwrap();
+        assert_eq!(go(whole.path(), u64::MAX).unwrap().header(), &header);
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(go(whole.path(), u64::MAX).unwrap().header(), &header, "trained again, to the same end");
 
         let other = Recipe { learning_rate: 1e-4, ..recipe() };
         let stop = AtomicBool::new(false);

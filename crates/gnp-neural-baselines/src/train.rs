@@ -177,6 +177,10 @@ impl<'a> Files<'a> {
         if let Some((what, _)) = pairs.iter().find(|(_, same)| !same) {
             return Err(fail(format!("was trained with another {what}; take another folder or remove this file")));
         }
+        if !self.best.exists() && then.epoch > self.first {
+            // Somebody removed what was best so far: it cannot be had from the last epoch.
+            return Ok(None);
+        }
         let text = then.trainer.as_deref().unwrap_or_default();
         let progress: Progress =
             serde_json::from_str(text).map_err(|e| fail(format!("does not say where training stood ({e})")))?;

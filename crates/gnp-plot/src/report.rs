@@ -68,7 +68,7 @@ pub struct ReportTable {
 pub struct ReportCell {
     /// A name or a number.
     pub text: String,
-    /// The interval of a number, as `5.2 to 5.8`.
+    /// The intervals of a number in their brackets, as `(5.2 to 5.8) [4.9 to 6.1]`.
     pub interval: Option<String>,
 }
 
@@ -95,8 +95,9 @@ impl Report {
         let _ = write!(
             page,
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
-             <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n\
+             <style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
         );
         if self.simulated {
             page.push_str("<p class=\"simulated\">Made from <em>simulated</em> data.</p>\n");
@@ -179,7 +180,7 @@ fn figures_html(figures: &[Figure]) -> String {
 impl ReportTable {
     fn html(&self) -> String {
         let cell = |cell: &ReportCell| {
-            let interval = cell.interval.as_ref().map(|text| format!(" <small>({})</small>", escape(text)));
+            let interval = cell.interval.as_ref().map(|text| format!(" <small>{}</small>", escape(text)));
             format!("{}{}", escape(&cell.text), interval.unwrap_or_default())
         };
         let row = |cells: &Vec<ReportCell>| {
@@ -225,8 +226,11 @@ const CONTROLS: &str = r#"<section>
 <div id="status" role="status"></div>
 <canvas id="chart" role="img" aria-label="Parameters of the forces over the forecast"></canvas>
 <div id="tip" hidden></div>
-<p class="keys">Keys: space plays; arrows step, with shift by a second; N and P pick the next and the previous vehicle; <span class="forecast">F forces<span id="terms"></span>, M futures (the prediction dark red, others green), B neighbours; </span>+ and − zoom; Home and End.
-A vehicle under the pointer shows its numbers. <span class="forecast">The dashed box is where the forecast has the vehicle now. </span>An address that ends in <code>#t=12.5&amp;vehicle=7</code> opens that moment.</p>
+<p class="keys">Keys: space plays; arrows step, with shift by a second; N and P pick the next and the previous
+vehicle; <span class="forecast">F forces<span id="terms"></span>, M futures (the prediction dark red, others green), B
+neighbours; </span>+ and − zoom; Home and End.
+A vehicle under the pointer shows its numbers. <span class="forecast">The dashed box is where the forecast has the
+vehicle now. </span>An address that ends in <code>#t=12.5&amp;vehicle=7</code> opens that moment.</p>
 </div>
 </section>
 "#;

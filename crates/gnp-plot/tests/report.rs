@@ -73,7 +73,7 @@ fn words(list: &[&str]) -> Vec<String> {
 }
 
 fn table(title: &str) -> ReportTable {
-    let value = ReportCell { text: "0.51".to_owned(), interval: Some("0.4 to 0.6".to_owned()) };
+    let value = ReportCell { text: "0.51".to_owned(), interval: Some("(0.4 to 0.6)".to_owned()) };
     ReportTable {
         title: title.to_owned(),
         head: words(&["model", "1 s"]),

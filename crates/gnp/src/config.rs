@@ -9,7 +9,7 @@ use crate::error::{Context as _, Error, Result, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
 use gnp_eval::EvalConfig;
 use gnp_goal::GoalConfig;
-use gnp_model::{FeatureConfig, NeighbourInput, ReferencePath, Selection, Trust};
+use gnp_model::{FeatureConfig, NeighbourInput, ReferencePath, Representation, Selection, Trust};
 use gnp_modes::ModeParams;
 use gnp_train::{GoalTraining, PathTraining, TrainConfig};
 use gnp_traj::TrajConfig;
@@ -187,6 +187,14 @@ impl RunConfig {
         }
         if !self.predict.trust.is_valid() {
             bail!(Config, "predict.trust = {}: give a share between 0 and 1, or \"fitted\"", self.predict.trust);
+        }
+        if self.features.representation == Representation::Position && self.predict.trust != Trust::Share(1.) {
+            bail!(
+                Config,
+                "predict.trust = {}: with features.representation = \"position\" there is no reference to believe instead; \
+                 set it to 1.0",
+                self.predict.trust
+            );
         }
         self.evaluate.check().context("[evaluate]")?;
         let asked: Vec<usize> = self.evaluate.protocols.iter().flat_map(|protocol| protocol.asks()).copied().collect();

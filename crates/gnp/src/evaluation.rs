@@ -98,8 +98,8 @@ impl Scores {
     pub fn summary(&self) -> Option<Summary> {
         let model = self.differences.first().map(|difference| difference.a.as_str())?;
         let label = if model.starts_with("gnp") { model.replacen("gnp", "GNP", 1) } else { model.to_owned() };
-        let rules: Vec<&str> = RULES.iter().map(Rule::name).collect();
-        let models = SummaryModels { model, label: &label, reference: "constant velocity", rules: &rules };
+        let names: Vec<&str> = RULES.iter().map(Rule::name).collect();
+        let models = SummaryModels { model, label: &label, reference: rules::CONSTANT_VELOCITY, rules: &names };
         Summary::of(&self.scores, &self.differences, &models)
     }
 
@@ -263,7 +263,8 @@ fn heading(material: &Material<'_>, config: &RunConfig) -> String {
     let RunConfig { seed, predict, evaluate, .. } = config;
     format!(
         "# Scores\n\nOn {}. Seed {seed}; neighbours in the future: `{}`. Lengths in m. Intervals of 95 % from {} \
-         draws of drivers, and in square brackets of events, with replacement. Top-1 and best of k are different quantities.\n",
+         draws of drivers with replacement, and in square brackets, where there are 3 events or more, of events. Top-1 \
+         and best of k are different quantities.\n",
         material.data.description,
         predict.neighbours.name(),
         evaluate.bootstrap.resamples
@@ -296,3 +297,6 @@ fn write_predictions(run: &Run, material: &Material<'_>, out: &Path) -> Result<(
     }
     Ok(writer.finish()?)
 }
+
+#[cfg(test)]
+mod tests;

@@ -173,8 +173,8 @@ fn quality(report: &IngestSummary) -> ReportTable {
         row
     };
     let mut notes = vec![
-        "duplicates: rows that repeat or contradict an earlier one, left out. Windows left out: at a gap, on a track too \
-         short, at a track's end."
+        "duplicates: rows that repeat or contradict an earlier one, left out. Windows left out: at a gap, on a track \
+         too short, at a track's end."
             .to_owned(),
     ];
     for report in &report.recordings {
@@ -233,7 +233,22 @@ mod tests {
         let table = &sections[0].tables[0];
         assert_eq!((table.title.as_str(), table.head[0].as_str()), ("clean us-101", "model"));
         let number = &table.rows[0][1];
-        assert_eq!((number.text.as_str(), number.interval.as_deref()), ("5.50", Some("5.25 to 5.75")));
+        assert_eq!((number.text.as_str(), number.interval.as_deref()), ("5.50", Some("(5.25 to 5.75)")));
         assert!(table.notes[0].starts_with("us-101, simulated: protocol clean"), "{:?}", table.notes);
+    }
+
+    /// The note below a table speaks of square brackets where a cell has them.
+    #[test]
+    fn cells_and_notes_agree_on_events() {
+        let head = TableHead { split: "recording".to_owned(), rate_hz: 10. };
+        let alone = score(Protocol::Clean, "rmse_at", 1);
+        let with_events = Score { event_ci_low: Some(5.), event_ci_high: Some(6.), events: 3, ..alone.clone() };
+        let cases = [(alone, "(5.25 to 5.75)", false), (with_events, "(5.25 to 5.75) [5.00 to 6.00]", true)];
+        for (score, text, said) in cases {
+            let sections = score_sections(&[score], &[], &head);
+            let table = &sections[0].tables[0];
+            assert_eq!(table.rows[0][1].interval.as_deref(), Some(text));
+            assert_eq!(table.notes[0].contains("in square brackets by event"), said, "{:?}", table.notes);
+        }
     }
 }

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use candle_core::Tensor;
 use gnp::{Machine, Plan, Stage};
-use gnp_data::{Dataset, Expectation, Recording, discover, read};
+use gnp_data::{Dataset, Expectation, Recording, WindowId, discover, read};
 use gnp_model::Checkpoint;
 use tempfile::TempDir;
 
@@ -53,11 +53,20 @@ fn csv(recording: &Recording, stretch: f64) -> String {
     text
 }
 
-/// The fitted files of a run on `scenes`, those of `stretched` driven faster, the split's hash and its training recordings.
-fn fitted(
-    scenes: &[Recording],
-    stretched: &BTreeSet<String>,
-) -> (BTreeMap<&'static str, Vec<u8>>, String, BTreeSet<String>) {
+/// What a run makes of some scenes.
+struct Fitted {
+    /// Of the training part.
+    files: BTreeMap<&'static str, Vec<u8>>,
+    /// The chosen epoch, its validation scores and how much is believed: of the validation part, too.
+    chosen: (usize, BTreeMap<String, f64>, Option<f64>),
+    split_hash: String,
+    /// Names of recordings.
+    training: BTreeSet<String>,
+    test: BTreeSet<String>,
+}
+
+/// A run on `scenes`, those of `stretched` driven faster.
+fn fitted(scenes: &[Recording], stretched: &BTreeSet<String>) -> Fitted {
     let folder = TempDir::new().unwrap();
     let data: PathBuf = folder.path().join("data");
     std::fs::create_dir(&data).unwrap();
@@ -73,7 +82,8 @@ fn fitted(
     }
     let set = run.windows().unwrap();
     let split = run.split(&set).unwrap();
-    let training = split.train().iter().map(|id| set.recording(*id).unwrap().meta().name.clone()).collect();
+    let names = |ids: &[WindowId]| ids.iter().map(|id| set.recording(*id).unwrap().meta().name.clone()).collect();
+    let (training, test) = (names(split.train()), names(split.test()));
     let mut files: BTreeMap<_, _> =
         ["rules.json", "modes.safetensors"].map(|file| (file, std::fs::read(run.path().join(file)).unwrap())).into();
     // Its header has the validation score, which is to differ.
@@ -82,27 +92,33 @@ fn fitted(
     let values = |tensor: &Tensor| tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let bits = goal.tensors.values().flat_map(values).flat_map(f32::to_le_bytes).collect();
     files.insert("weights after an epoch", bits);
-    (files, split.hash().to_owned(), training)
+    let chosen = (goal.header.epoch, goal.header.scores, goal.header.trust);
+    Fitted { files, chosen, split_hash: split.hash().to_owned(), training, test }
 }
 
 #[test]
 fn only_training_recordings_have_a_say_in_what_is_fitted() {
     let scenes = scenes();
     assert_eq!(scenes.len(), SCENES.len());
-    let (files, hash, training) = fitted(&scenes, &BTreeSet::new());
-    let others: BTreeSet<String> = SCENES.iter().map(ToString::to_string).filter(|it| !training.contains(it)).collect();
-    assert!(!training.is_empty() && others.len() >= 2, "{training:?}");
+    let plain = fitted(&scenes, &BTreeSet::new());
+    let others: BTreeSet<String> =
+        SCENES.iter().map(ToString::to_string).filter(|name| !plain.training.contains(name)).collect();
+    assert!(!plain.training.is_empty() && others.len() > plain.test.len(), "{others:?}");
 
-    let (without, same_hash, _) = fitted(&scenes, &others);
-    assert_eq!(hash, same_hash, "the windows are parted alike");
-    for (file, bytes) in &files {
-        assert!(*bytes == without[file], "{file} knows recordings beyond the training part");
+    let without = fitted(&scenes, &others);
+    assert_eq!(plain.split_hash, without.split_hash, "the windows are parted alike");
+    for (file, bytes) in &plain.files {
+        assert!(*bytes == without.files[file], "{file} knows recordings beyond the training part");
     }
-    // And each of them depends on the training part.
-    let one: BTreeSet<String> = training.iter().take(1).cloned().collect();
-    let (changed, same_hash, _) = fitted(&scenes, &one);
-    assert_eq!(hash, same_hash);
-    for (file, bytes) in &files {
-        assert!(*bytes != changed[file], "{file} does not change with {one:?}");
+    // What is chosen by the validation part knows nothing of the test part.
+    let without_test = fitted(&scenes, &plain.test);
+    assert!(plain.chosen.2.is_some() && plain.chosen == without_test.chosen, "{:?}", without_test.chosen);
+    assert!(plain.chosen != without.chosen, "{:?}", without.chosen);
+    // And all that is fitted depends on the training part.
+    let one: BTreeSet<String> = plain.training.iter().take(1).cloned().collect();
+    let changed = fitted(&scenes, &one);
+    assert_eq!(plain.split_hash, changed.split_hash);
+    for (file, bytes) in &plain.files {
+        assert!(*bytes != changed.files[file], "{file} does not change with {one:?}");
     }
 }

@@ -72,7 +72,7 @@ fn every_system_is_trained_once_and_scored_on_the_same_windows() {
     assert_eq!(others, [&["differences.json", "gnp", "jobs", "learned"][..], &tables].concat());
     let content = json(&place.join("table1.json"));
     let blind = ["gnp", "goal head", "constant velocity", "constant acceleration", "Kalman filter", "IDM", "platoon"];
-    let learned = ["column network", "S-LSTM", "CS-LSTM(M), our data treatment"];
+    let learned = ["column network", "S-LSTM", "CS-LSTM(M) + platoon"];
     assert_eq!(strings(&content["systems"]), [&blind[..], &learned].concat());
     assert!(strings(&content["missing"]).iter().any(|text| text.starts_with("CS-LSTM: has no recipe")));
     let test = content["windows"].as_u64().unwrap();
@@ -271,7 +271,7 @@ fn job_by_job_is_the_same_table_as_all_at_once() {
     // Every learned row has both seeds, a rule has none.
     let content = json(&whole.join("table1.json"));
     for score in content["scores"].as_array().unwrap() {
-        let learned = ["gnp", "goal head", "column network", "S-LSTM", "CS-LSTM(M), our data treatment"];
+        let learned = ["gnp", "goal head", "column network", "S-LSTM", "CS-LSTM(M) + platoon"];
         let seeds = if learned.contains(&score["model"].as_str().unwrap()) { 2 } else { 1 };
         assert_eq!(score["seeds"], seeds, "{score}");
     }

@@ -11,13 +11,15 @@ use crate::recording::Recording;
 
 /// Which tracks of different recordings are one driver, and which recordings show one event.
 ///
-/// One driver are the tracks of one vehicle of a recording; vehicles of the same number, length and width, in recordings
+/// The tracks of one vehicle of a recording are one driver; so are vehicles of the same number, length and width, in recordings
 /// of one site whose numbers mean the same vehicles; and vehicles at one place at one time, where recordings show the same
 /// minutes. Numbers mean the same where nearly all that two recordings share stand for one size, more often than by
 /// chance, and that spreads: from A and B, and B and C, to A and C. Two recordings that share one or two vehicles count as
-/// well when their sizes are rare enough, so that a driver may be taken for another, seldom the other way round.
+/// well when so many equal sizes have a probability of 5 % or less among all vehicles of both, so that a driver may be taken
+/// for another, seldom the other way round.
 ///
-/// Vehicles of one number and size that are at different places at one time are two drivers. That can be said only of
+/// Vehicles of one number and size that are at different places at one time are two drivers, unless a third recording
+/// joins them. That can be said only of
 /// recordings found to show the same minutes by motion: the times of recordings as they are given may start anywhere.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Drivers {
@@ -72,7 +74,7 @@ impl Drivers {
     }
 
     /// Number of the event that a track belongs to; equal numbers are one event. Recordings that show the same minutes
-    /// (connected by overlaps found by motion) are one event; what is longer than 60 s is cut into stretches of 60 s, and
+    /// (connected by overlaps found by motion, or, where none is longer than 60 s, by drivers) are one event; what is longer than 60 s is cut into stretches of 60 s, and
     /// a track belongs to that of its first frame. `None` where there is no such track.
     #[must_use]
     pub fn event(&self, recording: usize, track: usize) -> Option<usize> {
@@ -181,7 +183,8 @@ mod tests {
         let distinct = (0..3).flat_map(|r| (0..9).map(move |t| (r, t))).filter_map(|(r, t)| drivers.driver(r, t));
         assert_eq!(std::collections::BTreeSet::from_iter(distinct).len(), 20);
         let events = [0, 1, 2].map(|recording| drivers.event(recording, 0));
-        assert!(events[0] != events[1] && events[1] != events[2] && events[0] != events[2]);
+        // Short recordings with drivers in common are of about one minute; one driver alone shows no such thing.
+        assert!(events[0] == events[1] && events[1] != events[2]);
     }
 
     #[test]

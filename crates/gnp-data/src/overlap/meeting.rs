@@ -64,16 +64,21 @@ impl<'r> Meeting<'r> {
         [ca.x[a] - cb.x[b], ca.y[a] - cb.y[b]]
     }
 
-    /// Whether two tracks are one vehicle: at one place in all frames that both have. `None` when they have none.
+    /// Whether two tracks are one vehicle: of one length, and at one place in all frames that both have. `None` when they
+    /// have too few to tell.
     pub(super) fn one_vehicle(&self, a: &Track, b: &Track) -> Option<bool> {
+        let (from, to) = self.common(a, b).filter(|(from, to)| to - from >= LEAST_FRAMES)?;
         if a.road != b.road {
-            return self.common(a, b).map(|_| false);
+            return Some(false);
         }
         let [x, y] = (*self.places.get(usize::from(a.road))?)?;
-        let (from, to) = self.common(a, b)?;
-        Some((from..=to).all(|frame| {
-            let apart = self.apart(a, b, frame);
-            (apart[0] - x).abs() < ONE_BODY && (apart[1] - y).abs() < ONE_BODY
-        }))
+        let alike = (a.length - b.length).abs() < LENGTH_TOLERANCE;
+        Some(
+            alike
+                && (from..=to).all(|frame| {
+                    let apart = self.apart(a, b, frame);
+                    (apart[0] - x).abs() < ONE_BODY && (apart[1] - y).abs() < ONE_BODY
+                }),
+        )
     }
 }

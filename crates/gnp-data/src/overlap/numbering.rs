@@ -18,7 +18,10 @@ pub(super) fn numberings(recordings: &[Recording], sizes: &[Sizes], overlaps: &[
     order.sort_by_key(|i| &recordings[*i].meta().name);
     let mut classes: Vec<Class> =
         order.into_iter().map(|i| Class { members: vec![i], sizes: sizes[i].clone() }).collect();
-    let by_drivers = by_index(recordings, overlaps).into_iter().filter(|(_, _, it)| it.found == SharedBy::Drivers);
+    let mut by_drivers: Vec<_> =
+        by_index(recordings, overlaps).into_iter().filter(|(_, _, it)| it.found == SharedBy::Drivers).collect();
+    let name = |recording: usize| &recordings[recording].meta().name;
+    by_drivers.sort_by_key(|(a, b, _)| (name(*a).min(name(*b)), name(*a).max(name(*b))));
     for (a, b, _) in by_drivers {
         let of = |member: usize| classes.iter().position(|class| class.members.contains(&member));
         if let (Some(a), Some(b)) = (of(a), of(b)) {

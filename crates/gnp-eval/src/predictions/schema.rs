@@ -1,7 +1,7 @@
 //! The one table of the columns of a prediction file: the writer, the reader and the documentation come from it.
 //!
-//! Columns that explain a step are made from the descriptors of the terms of the force. Those of the published terms have
-//! plain names (`tau`, `k_preceding`); those of any other term carry its name.
+//! Columns that explain a step are made from the descriptors of the terms of the force. Those of the published terms
+//! have plain names (`tau`, `k_preceding`); those of any other term carry its name.
 
 use std::sync::Arc;
 
@@ -157,7 +157,8 @@ pub(super) struct Explaining {
     pub(super) part: Part,
 }
 
-/// The number of a step's explanation that stands in a column; terms are counted as in the list the columns are made from.
+/// The number of a step's explanation that stands in a column; terms are counted as in the list the columns are made
+/// from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Goal { axis: usize },
@@ -294,9 +295,9 @@ pub(super) fn sources_in_file(arity: Arity) -> usize {
 }
 
 /// The schema of a prediction file with the published terms of the force, in the order of its columns. Columns that are
-/// not required may be missing or hold nulls; forces are accelerations. Another term adds columns of its own: `NAME_force_x`
-/// and `_y`, by slot `NAME_force_SLOT_x`, and for its parameters `NAME_PARAMETER`. `velocity` times the time and all
-/// `_dx` and `_dy` columns add up to `x` and `y`.
+/// not required may be missing or hold nulls; forces are accelerations. Another term adds columns of its own:
+/// `NAME_force_x` and `_y`, by slot `NAME_force_SLOT_x`, and for its parameters `NAME_PARAMETER`. `velocity` times the
+/// time and all `_dx` and `_dy` columns add up to `x` and `y`.
 #[must_use]
 pub fn prediction_columns() -> Vec<ColumnInfo> {
     all_columns(&published())

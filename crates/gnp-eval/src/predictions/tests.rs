@@ -33,7 +33,8 @@ fn mode(probability: f32, steps: usize, start: f32, explained: bool) -> Mode {
     }
 }
 
-/// These terms with a sum that is not that of the sources, so that it must come from the file; lane lines as a file has them.
+/// These terms with a sum that is not that of the sources, so that it must come from the file; lane lines as a file has
+/// them.
 fn explanation(steps: usize, start: f32, terms: &[Arc<TermDescriptor>]) -> Explanation {
     let term = |(i, term): (usize, &Arc<TermDescriptor>)| {
         let base = |j: usize| start + 100. * j as f32 + i as f32;

@@ -25,7 +25,8 @@ const GROUP_ROWS: usize = 1 << 16;
 /// Writes predictions window by window. Memory does not grow with their number, and the file
 /// appears under its name only when it is [finished](PredictionWriter::finish).
 ///
-/// The columns are those of the published terms of the force and of any other that explains the first explained forecast.
+/// The columns are those of the published terms of the force and of any other that explains the first explained
+/// forecast.
 pub struct PredictionWriter {
     path: PathBuf,
     file: NamedTempFile,
@@ -93,8 +94,8 @@ impl PredictionWriter {
     /// Adds one window's forecast; `origin` is the window's origin in the road frame, m.
     ///
     /// # Errors
-    /// When the file cannot be written, or a force of the forecast has no column because those explained before had no such
-    /// term.
+    /// When the file cannot be written, or a force of the forecast has no column because those explained before had no
+    /// such term.
     pub fn write(&mut self, key: &WindowKey, origin: [f32; 2], forecast: &Forecast) -> Result<(), EvalError> {
         let scene = ByteArray::from(key.recording.as_bytes().to_vec());
         let dt = 1. / self.provenance.rate_hz;

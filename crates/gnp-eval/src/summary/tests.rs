@@ -152,6 +152,12 @@ fn a_terminal_of_eighty_columns_holds_it() {
 }
 
 #[test]
+fn the_note_says_what_a_verdict_rests_on() {
+    let caption = Summary::of(&scores("us-101", &US_101), &[], &MODELS).unwrap().table().caption;
+    assert!(caption.contains("leaves out zero and, with 3 events or more, that by event too."), "{caption}");
+}
+
+#[test]
 fn simulated_is_said_everywhere() {
     let mut all = scores("highd-2", &US_101);
     all.iter_mut().for_each(|score| score.simulated = true);

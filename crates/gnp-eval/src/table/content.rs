@@ -29,7 +29,8 @@ enum Shown {
 /// Tables of scores: one for each dataset, protocol and site among them, in the order in which they
 /// first appear; rows in the order of the models. All sites together come last, and only where there
 /// are several. Under `clean` a second table of each site is of several futures and of densities; details
-/// are further metrics, densities by second and, where there are any, lane changes; and one table of all sites has a row for each model and [`Manoeuvre`].
+/// are further metrics, densities by second and, where there are any, lane changes; and one table of all
+/// sites has a row for each model and [`Manoeuvre`].
 #[must_use]
 pub fn tables(scores: &[Score], head: &TableHead) -> Vec<Table> {
     let mut tables = Vec::new();
@@ -84,11 +85,13 @@ pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Ta
         let others = distinct(of_kind.iter().map(|row| (row.b.as_str(), (row.uses_future, row.seeds[1]))));
         let seeds = if of_kind.iter().any(|row| row.seeds != [1; 2]) { " and seeds" } else { "" };
         let events = of_kind.iter().any(|row| row.event_ci_low.is_some());
+        let who = if of_kind.iter().all(|row| row.events == 0) { "vehicles" } else { "drivers" };
         let drawn = match events {
-            true => format!("drivers{seeds}, and in square brackets events{seeds}, resampled for both together) leave"),
-            false => format!("drivers{seeds} resampled for both together) leaves"),
+            true => format!("of {who}{seeds}, and in square brackets of events{seeds}, both on the same draws) leave"),
+            false => format!("of {who}{seeds}, both on the same draws) leaves"),
         };
         let interval = if events { "where both intervals" } else { "where the interval" };
+        let one_seed = if of_kind.iter().any(|row| row.seeds.contains(&1)) { ONE_SEED } else { "" };
         let simulated = if of_kind.iter().any(|row| row.simulated) { ", *simulated*" } else { "" };
         let place = site_name(site);
         tables.push(Table {
@@ -96,8 +99,8 @@ pub fn comparison_tables(comparisons: &[Comparison], head: &TableHead) -> Vec<Ta
             detail: true,
             caption: format!(
                 "{place}{simulated}: protocol {}, {model} minus the model of the row on the same windows, split by {}, \
-                 {} Hz. Below zero {model} is better; + and - mark {interval} (95 %, {drawn} out zero: + for {model}, - \
-                 against it.",
+                 {} Hz. Below zero {model} is better; + and - mark {interval} (95 %, {drawn} out zero: + for {model}, \
+                 - against it.{one_seed}",
                 protocol.name(),
                 head.split,
                 head.rate_hz
@@ -182,7 +185,8 @@ struct Section<'a> {
 impl Section<'_> {
     fn table(&self, part: &str, detail: bool, columns: Vec<Column>) -> Table {
         let site = site_name(self.site);
-        let mut caption = caption(site, self.protocol, self.scores, self.head);
+        let rows = self.rows(&columns);
+        let mut caption = caption(site, self.protocol, self.scores, &rows, self.head);
         let shows = |kinds: &[MetricKind]| {
             columns.iter().flat_map(|column| &column.metrics).any(|metric| kinds.contains(&metric.kind))
         };
@@ -198,7 +202,7 @@ impl Section<'_> {
             detail,
             caption,
             header: std::iter::once("model".to_owned()).chain(columns.iter().map(|c| c.title.clone())).collect(),
-            rows: self.rows(&columns),
+            rows,
         }
     }
 
@@ -227,25 +231,28 @@ impl Section<'_> {
         let counted = |kind: MetricKind| self.scores.iter().find(|score| score.metric == kind.name());
         let there = kinds.iter().filter_map(|(kind, title, words)| Some((*kind, title, words, counted(*kind)?)));
         let (mut columns, mut counts) = (Vec::new(), Vec::new());
-        for (kind, title, words, Score { windows, vehicles: drivers, .. }) in there {
+        let who = [who(self.scores), "s"].concat();
+        for (kind, title, words, Score { windows, vehicles, .. }) in there {
             let of = |k| single(format!("{title}, k = {k}"), Metric::best_of(kind, k, last), Shown::Interval);
             columns.extend([1, 6].map(of));
-            counts.push(format!("{words}: {windows} windows, {drivers} drivers"));
+            counts.push(format!("{words}: {windows} windows, {vehicles} {who}"));
         }
         let site = site_name(self.site);
         let simulated = if self.scores.iter().any(|score| score.simulated) { ", *simulated*" } else { "" };
+        let rows = self.rows(&columns);
         (!columns.is_empty()).then(|| Table {
             name: format!("{} {site} lane changes", self.protocol.name()),
             detail: true,
             caption: format!(
                 "{site}{simulated}: protocol {}, share of recorded lane changes for which one of k futures ends in the \
-                 new lane, by the lines. Lane changes {}. Split by {}; intervals of 95 % by driver.",
+                 new lane, by the lines. Lane changes {}. Split by {}{}",
                 self.protocol.name(),
                 counts.join("; "),
-                self.head.split
+                self.head.split,
+                intervals(self.scores, &rows)
             ),
             header: std::iter::once("model".to_owned()).chain(columns.iter().map(|c| c.title.clone())).collect(),
-            rows: self.rows(&columns),
+            rows,
         })
     }
 }
@@ -282,10 +289,11 @@ fn by_manoeuvre(protocol: Protocol, scores: &[&Score], head: &TableHead) -> Tabl
         }
     }
     let titles = columns.iter().map(|column| column.title.clone());
+    let caption = caption("all sites, by what the vehicle did", protocol, scores, &rows, head);
     Table {
         name: format!("{} all sites by manoeuvre", protocol.name()),
         detail: true,
-        caption: caption("all sites, by what the vehicle did", protocol, scores, head),
+        caption,
         header: ["manoeuvre: model".to_owned(), "windows".to_owned()].into_iter().chain(titles).collect(),
         rows,
     }
@@ -431,25 +439,52 @@ fn cell(column: &Column, scores: &[&Score]) -> TableCell {
     }
 }
 
-fn caption(site: &str, protocol: Protocol, scores: &[&Score], head: &TableHead) -> String {
+/// Said where intervals are of drivers alone.
+const ONE_SEED: &str = " Differences between trainings of rows with one seed are not in the interval.";
+
+/// Whom intervals are by: files from before drivers were known count vehicles, and no events.
+fn who(scores: &[&Score]) -> &'static str {
+    if scores.iter().all(|score| score.events == 0) { "vehicle" } else { "driver" }
+}
+
+/// The end of a caption: what the intervals in the cells are by; nothing but a full stop where there are none.
+fn intervals(scores: &[&Score], rows: &[Vec<TableCell>]) -> String {
+    let some = |has: fn(&TableCell) -> bool| rows.iter().flatten().any(has);
+    let (inner, outer) = (some(|cell| cell.interval.is_some()), some(|cell| cell.by_event.is_some()));
+    let seeds = if scores.iter().any(|score| score.seeds > 1) { " and seed" } else { "" };
+    let one_seed = if scores.iter().any(|score| score.seeds == 1) { ONE_SEED } else { "" };
+    let who = who(scores);
+    match (inner, outer) {
+        (true, true) => {
+            format!("; intervals of 95 % by {who}{seeds}, in square brackets by event{seeds}.{one_seed}")
+        }
+        (true, false) => format!("; intervals of 95 % by {who}{seeds}.{one_seed}"),
+        (false, true) => format!("; intervals of 95 % in square brackets by event{seeds}.{one_seed}"),
+        (false, false) => ".".to_owned(),
+    }
+}
+
+fn caption(site: &str, protocol: Protocol, scores: &[&Score], rows: &[Vec<TableCell>], head: &TableHead) -> String {
     let simulated = if scores.iter().any(|score| score.simulated) { ", *simulated*" } else { "" };
     let span = |counts: Vec<u64>| {
         let (least, most) = (counts.iter().min().copied().unwrap_or(0), counts.iter().max().copied().unwrap_or(0));
         if least == most { format!("{most}") } else { format!("{least} to {most}") }
     };
     let counted: Vec<&&Score> = scores.iter().filter(|s| MetricKind::is_of_all_windows(&s.metric)).collect();
-    let seeds = if scores.iter().any(|score| score.seeds > 1) { " and seed" } else { "" };
-    let by_event = scores.iter().any(|score| score.event_ci_low.is_some());
-    let by_event = if by_event { format!(", in square brackets by event{seeds}") } else { String::new() };
     let windows = span(counted.iter().map(|score| score.windows).collect());
     let drivers = span(counted.iter().map(|score| score.vehicles as u64).collect());
-    let events = span(counted.iter().map(|score| score.events as u64).collect());
+    let who = who(scores);
+    let events = match span(counted.iter().map(|score| score.events as u64).collect()) {
+        _ if who == "vehicle" => String::new(),
+        events => format!(", {events} events"),
+    };
     format!(
-        "{site}{simulated}: protocol {} ({}), split by {}, {} Hz, {windows} windows, {drivers} drivers, {events} events. \
-         Lengths in m; intervals of 95 % by driver{seeds}{by_event}.",
+        "{site}{simulated}: protocol {} ({}), split by {}, {} Hz, {windows} windows, {drivers} {who}s{events}. \
+         Lengths in m{}",
         protocol.name(),
         protocol.summary(),
         head.split,
         head.rate_hz,
+        intervals(scores, rows),
     )
 }

@@ -182,9 +182,51 @@ fn a_row_says_how_many_seeds_it_is_the_mean_of() {
     let tables = tables(&all, &head());
     let names: Vec<&str> = tables[0].rows.iter().map(|row| row[0].text.as_str()).collect();
     assert_eq!(names, ["gnp (3 seeds)", "IDM"]);
-    let ends = "by driver and seed, in square brackets by event and seed.";
-    assert!(tables[0].caption.ends_with(ends), "{}", tables[0].caption);
+    let words =
+        "by driver and seed, in square brackets by event and seed. Differences between trainings of rows with one";
+    assert!(tables[0].caption.contains(words), "{}", tables[0].caption);
+    let lane_changes = tables.iter().find(|table| table.name.ends_with("lane changes")).unwrap();
+    assert!(lane_changes.caption.contains("intervals of 95 % by driver and seed."), "{}", lane_changes.caption);
     assert!(tables.iter().any(|table| table.rows[0][0].text == "left: gnp (3 seeds)"));
+}
+
+/// A caption speaks of intervals where there are some, and of brackets where a cell has them: of every table, with
+/// events and without, with drivers and without, and of files that know no events.
+#[test]
+fn captions_speak_of_what_the_cells_have() {
+    let without_events = |score: &mut Score| (score.event_ci_low, score.event_ci_high) = (None, None);
+    let without_drivers = |score: &mut Score| {
+        without_events(score);
+        (score.ci_low, score.ci_high) = (None, None);
+    };
+    let before = |score: &mut Score| {
+        without_events(score);
+        score.events = 0;
+    };
+    let (mut brackets, mut intervals) = ([0; 2], [0; 2]);
+    for protocol in Protocol::ALL {
+        let changes: [&dyn Fn(&mut Score); 4] = [&|_| (), &without_events, &without_drivers, &before];
+        for (change, whom) in changes.into_iter().zip(["driver", "driver", "driver", "vehicle"]) {
+            let mut all = scores(protocol, "us-101", "gnp", 5.);
+            all.extend(parted("gnp", Manoeuvre::Left));
+            all.iter_mut().for_each(change);
+            for table in tables(&all, &head()) {
+                let caption = &table.caption;
+                let some = |has: fn(&TableCell) -> bool| table.rows.iter().flatten().any(has);
+                let (inner, outer) = (some(|cell| cell.interval.is_some()), some(|cell| cell.by_event.is_some()));
+                assert_eq!(caption.contains("square brackets"), outer, "{}: {caption}", table.name);
+                assert_eq!(caption.contains(&format!("95 % by {whom}")), inner, "{}: {caption}", table.name);
+                assert_eq!(caption.contains("Differences between trainings"), inner, "{}: {caption}", table.name);
+                assert!(caption.contains(&format!(" {whom}s")), "{}: {caption}", table.name);
+                if whom == "vehicle" {
+                    assert!(!caption.contains("event") && !caption.contains("driver"), "{}: {caption}", table.name);
+                }
+                brackets[usize::from(outer)] += 1;
+                intervals[usize::from(inner)] += 1;
+            }
+        }
+    }
+    assert!(brackets.iter().chain(&intervals).all(|count| *count > 0), "{brackets:?} {intervals:?}");
 }
 
 #[test]
@@ -250,10 +292,10 @@ fn differences_say_who_is_better() {
     assert!(text.contains("| gnp minus | rmse_at_1 5 s |"), "{text}");
     assert!(text.contains("| cv | -1.20 + (-1.70 to -0.70) [-1.95 to -0.45] |"), "{text}");
     assert!(text.contains("| pip (future input) | 0.80 - (0.30 to 1.30) [0.05 to 1.55] |"), "{text}");
-    assert!(text.contains("mark where both intervals (95 %, drivers, and in square brackets events,"), "{text}");
+    assert!(text.contains("mark where both intervals (95 %, of drivers, and in square brackets of events,"), "{text}");
     let alone = rows.map(|row| Comparison { event_ci_low: None, event_ci_high: None, ..row });
     let text = comparison_tables(&alone, &head())[0].markdown();
-    assert!(text.contains("mark where the interval (95 %, drivers resampled"), "{text}");
+    assert!(text.contains("mark where the interval (95 %, of drivers, both"), "{text}");
     assert!(text.contains("| cv | -1.20 + (-1.70 to -0.70) |"), "{text}");
 }
 

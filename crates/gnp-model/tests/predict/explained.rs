@@ -158,4 +158,3 @@ fn a_made_up_term_acts_is_explained_written_and_drawn() {
         assert!(figure.svg.contains(part), "{part}");
     }
 }
-

@@ -3,6 +3,9 @@
 // clippy.toml allows it inside test functions alone; scenes and models are built outside.
 #![allow(clippy::unwrap_used)]
 
+mod explained;
+mod trust;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -93,8 +93,8 @@ fn term(term: &TermDescriptor) -> Value {
     })
 }
 
-/// The force of each term in a step, and the values of all plotted parameters in the order of the terms; 0 where a term does
-/// not act.
+/// The force of each term in a step, and the values of all plotted parameters in the order of the terms; 0 where a term
+/// does not act.
 fn step(terms: &[&TermDescriptor], explanation: &Explanation, step: usize) -> Value {
     let acting: Vec<Option<&TermForces>> = terms.iter().map(|term| explanation.term(&term.name)).collect();
     let forces = acting.iter().map(|forces| forces.map_or([0.; 2], |forces| forces.total(step)).map(short));

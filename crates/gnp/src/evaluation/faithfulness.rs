@@ -79,9 +79,9 @@ pub struct Estimate {
     pub ci_high: Option<f64>,
 }
 
-/// Measures how true the explanations of `model` are by asking it again without the leader, by site ([`ALL_SITES`] last,
-/// and only where there are several): at most 1000 windows a site, every n-th of those with a leader. Empty for a model
-/// whose forecasts have no contributions. Each vehicle counts as a driver of its own.
+/// Measures how true the explanations of `model` are by asking it again without the leader, by site ([`ALL_SITES`]
+/// last, and only where there are several): at most 1000 windows a site, every n-th of those with a leader. Empty for a
+/// model whose forecasts have no contributions. Each vehicle counts as a driver of its own.
 ///
 /// # Errors
 /// When a scene cannot be changed or the model fails.
@@ -251,8 +251,8 @@ impl Measured {
         self.0[index].1.entry(site.to_owned()).or_default()
     }
 
-    /// Asks a model about windows that have a leader; `driver` names the driver of a vehicle, `watch` is told how many are
-    /// done.
+    /// Asks a model about windows that have a leader; `driver` names the driver of a vehicle, `watch` is told how many
+    /// are done.
     fn add(
         &mut self,
         name: &str,
@@ -286,13 +286,13 @@ impl Site {
     fn row(&self, model: &str, site: &str, bootstrap: &Bootstrap) -> Faithfulness {
         let by_driver: Vec<Sums> = self.drivers.values().copied().collect();
         let all = by_driver.iter().fold(Sums::default(), |all, sums| all.plus(sums, 1.));
-        let estimate = |of: fn(&Sums) -> Option<f64>| {
+        let estimate = |of: fn(&Sums) -> Option<f64>, [least, largest]: [f64; 2]| {
             let value = of(&all)?;
             let interval = bootstrap.interval(by_driver.len(), |times| {
                 let drawn = by_driver.iter().zip(times);
                 of(&drawn.fold(Sums::default(), |all, (sums, times)| all.plus(sums, *times)))
             });
-            let ends = interval.map(|Interval { low, high }| (low, high));
+            let ends = interval.map(|Interval { low, high }| (low.max(least), high.min(largest)));
             Some(Estimate { value, ci_low: ends.map(|ends| ends.0), ci_high: ends.map(|ends| ends.1) })
         };
         Faithfulness {
@@ -304,10 +304,10 @@ impl Site {
             simulated: self.simulated,
             effect_m: all.effect_size / all.windows.max(1.),
             part_m: all.part_size / all.windows.max(1.),
-            correlation: estimate(Sums::correlation),
-            slope: estimate(Sums::slope),
-            physical_share: estimate(Sums::physical_share),
-            physical_share_of_squares: estimate(Sums::physical_share_of_squares),
+            correlation: estimate(Sums::correlation, [-1., 1.]),
+            slope: estimate(Sums::slope, [f64::NEG_INFINITY, f64::INFINITY]),
+            physical_share: estimate(Sums::physical_share, [0., 1.]),
+            physical_share_of_squares: estimate(Sums::physical_share_of_squares, [0., 1.]),
         }
     }
 }

@@ -7,6 +7,7 @@ use gnp_data::{Dataset, Forecast, Observation, OraclePredictor, PredictError, Pr
 use gnp_eval::{Detail, EvalConfig, Predictions, Protocol, read_predictions};
 
 use super::faithfulness::Measured;
+use super::rules::{self, CONSTANT_VELOCITY};
 use super::systems::System;
 use super::{Material, Scores, evaluate, split_description};
 use crate::config::RunConfig;
@@ -33,7 +34,8 @@ pub enum PredictionsOn {
     },
 }
 
-/// Scores a file of predictions beside constant velocity, under `protocols` or, where that is empty,
+/// Scores a file of predictions beside constant velocity (on the windows of a run as fitted to its training windows, on
+/// recordings as it is where nothing is fitted), under `protocols` or, where that is empty,
 /// those of the configuration. Writes the scores to the new folder `out` if there is one.
 ///
 /// # Errors
@@ -57,7 +59,8 @@ pub fn score_predictions(
             let ids = split.subset(run.config.evaluate.subset);
             let words = split_description(&run, &split);
             let material = Material { set: &set, ids, fitting: None, split: words, data: &run.folder.state.data };
-            score(predictions, &material, &run.config, protocols, out, machine)
+            let beside = (rules::constant_velocity(&run)?, "fitted to the training windows of the run".to_owned());
+            score(predictions, beside, &material, &evaluated(&run.config, protocols), out, machine)
         }
         PredictionsOn::Recordings { config, data } => {
             same_data(&predictions, config.dataset, file)?;
@@ -69,16 +72,25 @@ pub fn score_predictions(
             let (set, _) = WindowSet::cut(&recordings, &config.windows)?;
             let words = "nothing, all windows".to_owned();
             let material = Material { set: &set, ids: set.ids(), fitting: None, split: words, data: &report.data };
-            score(predictions, &material, config, protocols, out, machine)
+            let words = format!("from the last {} s, fitted to nothing", ConstantVelocity::SPAN_S);
+            let beside = (System::predictor(CONSTANT_VELOCITY, ConstantVelocity::default()), words);
+            score(predictions, beside, &material, &evaluated(config, protocols), out, machine)
         }
     }
 }
 
+/// How a configuration scores under other protocols, if any are given.
+fn evaluated(config: &RunConfig, protocols: &[Protocol]) -> EvalConfig {
+    let protocols = if protocols.is_empty() { config.evaluate.protocols.clone() } else { protocols.to_vec() };
+    EvalConfig { protocols, ..config.evaluate.clone() }
+}
+
+/// Scores predictions beside constant velocity, of which is said how it was fitted.
 fn score(
     predictions: Predictions,
+    (beside, fitted): (System, String),
     material: &Material<'_>,
-    config: &RunConfig,
-    protocols: &[Protocol],
+    config: &EvalConfig,
     out: Option<Draft>,
     machine: &Machine,
 ) -> Result<Scores> {
@@ -90,20 +102,21 @@ fn score(
     } else {
         System::predictor(&name, predictions)
     };
-    let beside = if name == "constant velocity" { "constant velocity (ours)" } else { "constant velocity" };
-    let systems = [system, System::predictor(beside, ConstantVelocity::default())];
-    let protocols = if protocols.is_empty() { config.evaluate.protocols.clone() } else { protocols.to_vec() };
-    if uses_future && !protocols.iter().any(|protocol| protocol.allows_future()) {
+    let ours = if name == beside.name() { format!("{name} (ours)") } else { beside.name().to_owned() };
+    let systems = [system, beside.named(ours)];
+    if uses_future && !config.protocols.iter().any(|protocol| protocol.allows_future()) {
         bail!(
             Predictions,
             "{name} is handed recorded futures, which `clean` does not allow; give --protocol literature"
         );
     }
-    let config = EvalConfig { protocols, ..config.evaluate.clone() };
-    let evaluation = evaluate(material, &systems, &config, machine)?;
+    let evaluation = evaluate(material, &systems, config, machine)?;
     let scores = Scores::of(&evaluation, &Measured::default(), &name, material.split.clone(), &config.bootstrap)?;
     if let Some(draft) = out {
-        let heading = format!("# Scores of {name}\n\nOn {}. Lengths in m.\n", material.data.description);
+        let heading = format!(
+            "# Scores of {name}\n\nOn {}. Lengths in m. Constant velocity: {fitted}.\n",
+            material.data.description
+        );
         scores.save(draft.path(), &heading)?;
         let place = draft.publish()?;
         machine.progress.note(&format!("scores: {}", place.join("metrics.md").display()));

@@ -1,14 +1,16 @@
 //! A finished run on other recordings, all of whose windows are test windows.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use gnp_data::{Split, Subset, WindowSet};
+use gnp_data::{Split, Subset, WindowId, WindowKey, WindowSet};
+use gnp_eval::Protocol;
 use serde::Serialize;
 
 use super::{Material, Scores, fitting, of_run};
 use crate::data::{ingest, source};
-use crate::error::{Context as _, Result};
+use crate::error::{Context as _, Error, Result};
 use crate::run::Run;
 use crate::run::folder::{DataState, Draft, Stage, write_json};
 
@@ -22,6 +24,29 @@ struct EvalState<'a> {
     windows: usize,
     windows_hash: &'a str,
     version: &'static str,
+}
+
+/// The run's own windows, whatever it is scored on, and those of them to which densities are fitted: the validation
+/// part less what is scored. `None`, and a note, where they cannot be loaded.
+fn for_densities<'a>(run: &'a Run, scored: &WindowSet<'_>) -> Result<Option<(WindowSet<'a>, Vec<WindowId>)>> {
+    let loaded = run.windows().and_then(|own| Ok((run.split(&own)?, own)));
+    let (split, own) = match loaded {
+        Ok(loaded) => loaded,
+        Err(stopped @ Error::Stopped { .. }) => return Err(stopped),
+        Err(error) => {
+            run.note(&format!("no densities: the recordings of the run cannot be used: {}", error.chain()));
+            return Ok(None);
+        }
+    };
+    let ids = fitting(&own, &split, Subset::Test).map_or_else(Vec::new, |(own, ids)| beside(own, ids, scored));
+    Ok((!ids.is_empty()).then_some((own, ids)))
+}
+
+/// Those of the windows `ids` of `set` that are not among the scored ones.
+fn beside(set: &WindowSet<'_>, ids: &[WindowId], scored: &WindowSet<'_>) -> Vec<WindowId> {
+    let scored: BTreeSet<WindowKey> = scored.iter().map(|window| window.key()).collect();
+    let is_beside = |id: &&WindowId| set.get(**id).is_some_and(|window| !scored.contains(&window.key()));
+    ids.iter().filter(is_beside).copied().collect()
 }
 
 /// Ingests other recordings with the run's configuration, scores the run's model on all their windows, and writes
@@ -39,10 +64,8 @@ pub fn score_recordings(run: &Run, data: &Path, out: &Path) -> Result<(Scores, P
     let (set, _) = WindowSet::cut(&recordings, &run.config.windows)?;
     let split = Split::all_test(&set);
     let words = "other recordings, all test".to_owned();
-    // Densities are of the run, whatever it is scored on.
-    let own = run.windows()?;
-    let trained = run.split(&own)?;
-    let fitting = fitting(&own, &trained, Subset::Test);
+    let own = if run.config.evaluate.protocols.contains(&Protocol::Clean) { for_densities(run, &set)? } else { None };
+    let fitting = own.as_ref().map(|(own, ids)| (own, &ids[..]));
     let material = Material { set: &set, ids: split.test(), fitting, split: words, data: &report.data };
     let scores = of_run(run, &material, draft.path())?;
     let state = EvalState {
@@ -58,4 +81,20 @@ pub fn score_recordings(run: &Run, data: &Path, out: &Path) -> Result<(Scores, P
     let kept = draft.path().join(ingest::RECORDINGS);
     fs::remove_dir_all(&kept).with_context(|| format!("cannot remove {}", kept.display()))?;
     Ok((scores, draft.publish()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::tests::{recording, windows};
+
+    #[test]
+    fn windows_that_are_scored_are_left_out_of_the_fit() {
+        let own = [recording("a"), recording("b")];
+        let scored = [recording("b"), recording("c")];
+        let [own, scored] = [&own, &scored].map(|it| WindowSet::cut(it, &windows()).unwrap().0);
+        let left = beside(&own, own.ids(), &scored);
+        assert!(!left.is_empty() && left.len() < own.ids().len());
+        assert!(left.iter().all(|id| own.get(*id).unwrap().key().recording == "a"));
+    }
 }

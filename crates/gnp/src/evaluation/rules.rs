@@ -8,12 +8,15 @@ use gnp_data::Window;
 use serde::{Deserialize, Serialize};
 
 use super::systems::System;
-use crate::error::{Context as _, Result};
+use crate::error::{Context as _, Error, Result};
 use crate::run::Run;
 use crate::run::folder::write_json;
 
 /// File of the fitted parameters in a run folder.
 pub(crate) const FILE: &str = "rules.json";
+
+/// Name of the rule that others are set beside.
+pub(crate) const CONSTANT_VELOCITY: &str = "constant velocity";
 
 /// Most training windows of a site that rules are fitted to; of more, every n-th is taken.
 const MOST: usize = 2000;
@@ -37,6 +40,15 @@ pub(crate) fn systems(run: &Run) -> Result<Vec<System>> {
         Ok(System::boxed(rule.name(), predictor))
     };
     RULES.iter().map(system).collect()
+}
+
+/// Constant velocity as fitted to the run's training windows.
+///
+/// # Errors
+/// As [`systems`].
+pub(crate) fn constant_velocity(run: &Run) -> Result<System> {
+    let found = systems(run)?.into_iter().find(|system| system.name() == CONSTANT_VELOCITY);
+    found.ok_or_else(|| Error::Folder(unusable(run)))
 }
 
 /// The car-following rule as fitted to the run's training windows.

@@ -28,6 +28,11 @@ impl System {
         Self { name: name.into(), model: Model::Blind(model), explaining: None }
     }
 
+    /// The same under another name.
+    pub(crate) fn named(self, name: impl Into<String>) -> Self {
+        Self { name: name.into(), ..self }
+    }
+
     /// A system that is handed recorded futures.
     pub(crate) fn oracle(name: impl Into<String>, model: impl OraclePredictor + 'static) -> Self {
         Self { name: name.into(), model: Model::Oracle(Box::new(model)), explaining: None }

@@ -63,7 +63,7 @@ pub(super) fn error_by_horizon(run: &Run) -> Result<Figure> {
     let sites = if site == ALL_SITES { "all sites".to_owned() } else { site };
     let caption = format!(
         "Error against horizon of every model on the same windows of {sites}, protocol clean; bands are 95 % \
-         intervals from a bootstrap over vehicles."
+         intervals from a bootstrap over drivers."
     );
     Ok(charts(
         "error-by-horizon",

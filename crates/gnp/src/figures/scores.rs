@@ -93,7 +93,14 @@ fn figures(stem: &str, scored: &Scored<'_>) -> Vec<Figure> {
 
 fn counts(scores: &[&Score]) -> String {
     let most = scores.iter().max_by_key(|score| score.windows);
-    most.map_or_else(String::new, |score| format!("{} windows of {} drivers.", score.windows, score.vehicles))
+    let seeds = scores.iter().map(|score| score.seeds).max().unwrap_or(1);
+    let seeds = match seeds {
+        1 => String::new(),
+        seeds => {
+            format!(" Rows of several trainings (up to {seeds} seeds) are means over them; bars hold how these differ.")
+        }
+    };
+    most.map_or_else(String::new, |score| format!("{} windows of {} drivers.{seeds}", score.windows, score.vehicles))
 }
 
 fn of<'a>(scores: &[&'a Score], quantity: Quantity, system: &str, horizon: f64) -> Option<&'a Score> {
@@ -153,9 +160,9 @@ fn by_horizon(scored: &Scored<'_>, scores: &[&Score]) -> (Vec<DotPanel>, String)
             rows: rows.filter(|row| row.dots.iter().any(Option::is_some)).collect(),
         }
     };
-    let caption = "Each row is a system, each dot its error at one horizon, bars are 95 % intervals from a bootstrap over \
-                   drivers; dashed lines carry the first row down. Systems without a network have one future. Hollow: \
-                   handed recorded futures, which no system on a road has.";
+    let caption = "Each row is a system, each dot its error at one horizon, bars are 95 % intervals from a bootstrap \
+                   over drivers; dashed lines carry the first row down. Systems without a network have one future. \
+                   Hollow: handed recorded futures, which no system on a road has.";
     (
         [PREDICTION, BEST_OF_6].map(panel).into_iter().filter(|panel| !panel.rows.is_empty()).collect(),
         caption.to_owned(),
@@ -217,10 +224,11 @@ fn ablation(scored: &Scored<'_>, scores: &[&Score], site: &str) -> (Vec<DotPanel
             rows: scored.systems.iter().filter_map(row).collect(),
         }
     };
-    let caption = "Each row changes one thing in the full model. Above, how much larger the error becomes, with the 95 % \
-                   interval of that difference from a bootstrap over drivers, both models on the same draws: right of \
-                   zero the part helps. Numbers on the right are the values themselves. Hollow: handed recorded futures, \
-                   a triangle where the value lies beyond the axis; such rows have no place under protocol clean.";
+    let caption = "Each row changes one thing in the full model. Above, how much larger the error becomes, with the \
+                   95 % interval of that difference from a bootstrap over drivers, both models on the same draws: \
+                   right of zero the part helps. Numbers on the right are the values themselves. Hollow: handed \
+                   recorded futures, a triangle where the value lies beyond the axis; such rows have no place \
+                   under protocol clean.";
     let panels = [against(PREDICTION), against(BEST_OF_6), overlap()];
     (panels.into_iter().filter(|panel| !panel.rows.is_empty()).collect(), caption.to_owned())
 }
@@ -314,6 +322,17 @@ mod tests {
         let figures = figures("table1", &scored);
         assert_eq!(figures[0].name, "table1-error-by-horizon");
         assert!(figures[0].svg.contains("future input") && figures[0].caption.contains("85 windows of 80 drivers"));
+        assert!(!figures[0].caption.contains("seeds"));
+    }
+
+    #[test]
+    fn several_seeds_are_said() {
+        let mut scores = scores();
+        scores.iter_mut().filter(|score| score.model == "gnp").for_each(|score| score.seeds = 3);
+        for stem in ["table1", "table2"] {
+            let figures = figures(stem, &scored(&scores, &[]));
+            assert!(figures[0].caption.contains("(up to 3 seeds) are means"), "{}", figures[0].caption);
+        }
     }
 
     /// The file has "full minus other"; the figure shows what the change adds.

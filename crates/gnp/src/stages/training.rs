@@ -107,6 +107,7 @@ fn fit_trust(run: &Run, set: &WindowSet<'_>, split: &Split, modes: Modes) -> Res
         count.powf(-run.config.goal.train.site_sampling_exponent)
     };
     let weighted: Vec<(Window<'_>, f64)> = windows.iter().map(|window| (*window, weight(window))).collect();
+    run.machine.stop.check()?;
     let Some(trust) = gnp.fitted_trust(&weighted)? else { return Ok(()) };
     run.note(&format!("goal: {trust:.2} of the expected deviation is believed, by the validation part"));
     Checkpoint { header: Header { trust: Some(trust), ..checkpoint.header }, ..checkpoint }.save(&path)?;

@@ -68,8 +68,12 @@ impl CompareRequest {
             );
         }
         let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        let damaged =
-            || format!("{} is damaged; prepare the table again with the options it was made with", path.display());
+        let damaged = || {
+            let path = path.display();
+            format!(
+                "{path} is damaged or of another version; remove it, and prepare again with the options it was made with"
+            )
+        };
         let parsed = toml::from_str(&text).map_err(|error| Error::Config(error.to_string().trim_end().to_owned()));
         let written: Written = parsed.with_context(damaged)?;
         if written.format != FORMAT {
@@ -80,7 +84,7 @@ impl CompareRequest {
         plan.resume = true;
         Ok(Self {
             plan,
-            recipes: Recipes::parse(&written.recipes.to_string()).with_context(damaged)?,
+            recipes: Recipes::parse_whole(&written.recipes.to_string()).with_context(damaged)?,
             seeds: written.seeds,
             published: written.published.map(config).transpose()?,
         })

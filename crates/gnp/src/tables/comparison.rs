@@ -13,7 +13,7 @@ use super::asked::CompareRequest;
 use super::derived::{TRAINED, beside};
 use super::files::{Report, Scored, write_report};
 use super::jobs::{self, Job, JobReport, JobState};
-use super::place::Place;
+use super::place::{COMPARISON, Place};
 use super::recipes::{self, Row};
 use super::variants::FULL;
 use super::{Fold, printed, published, scored_fold, workers};
@@ -23,6 +23,7 @@ use crate::evaluation::rules;
 use crate::evaluation::systems::System;
 use crate::machine::Machine;
 use crate::run::Run;
+use crate::run::folder::Stage;
 
 /// Row and job of the goal network alone; it has no training of its own.
 const GOAL_HEAD: &str = "goal head";
@@ -76,6 +77,15 @@ impl Learner {
         if first { stem.into() } else { format!("{stem}-seed-{seed}").into() }
     }
 
+    /// The file that is there when it is trained, in the folder of its files.
+    fn weights(&self, folder: &Path) -> PathBuf {
+        let stem = match self {
+            Self::Gnp | Self::Published(_) => Stage::Repulsion.name(),
+            Self::Column(_) | Self::Network(_) => self.stem(),
+        };
+        folder.join(format!("{stem}.safetensors"))
+    }
+
     /// Trains it unless it was before; its rows.
     fn systems(&self, fold: &Fold<'_>, seed: u64, folder: &Path) -> Result<Vec<System>> {
         Ok(match self {
@@ -115,22 +125,19 @@ impl PreparedTable {
     ///
     /// # Errors
     /// When the folder is in use and not to be resumed, or of another configuration or other recordings; when there is no
-    /// seed, or GNP as published is for other data; what is wrong with the recordings; [`Error::Stopped`](crate::Error).
+    /// seed, or GNP as published is for other data; when models that are trained would have no row, or another recipe;
+    /// what is wrong with the recordings; [`Error::Stopped`](crate::Error).
     pub fn prepare(asked: &CompareRequest, machine: &Machine) -> Result<Self> {
         if asked.seeds == 0 {
             bail!(Config, "a table needs at least one seed");
         }
-        let place = Place::start("table1", &asked.plan)?;
+        let place = Place::start(COMPARISON, &asked.plan)?;
         if let Some(published) = &asked.published {
             published::check(published, place.config.dataset)?;
         }
         if CompareRequest::is_in(&place.folder) {
-            let earlier = CompareRequest::read(&place.folder)?;
-            if let Some(earlier) = &earlier.plan.config {
-                place.config.expect_same(earlier, &place.folder)?;
-            }
+            Self::open(&place.folder)?.expect_kept(asked, &place.config)?;
         }
-        asked.write(&place.config)?;
         let table = Self::of(place, asked.clone());
         for fold in 1..=table.place.folds() {
             let prepare = || -> Result<()> {
@@ -139,7 +146,38 @@ impl PreparedTable {
             };
             prepare().map_err(|error| table.place.error(error))?;
         }
+        // Last, so that a folder that has it is prepared.
+        table.asked.write(&table.place.config)?;
         Ok(table)
+    }
+
+    /// Refuses a request, with its configuration, by which something that is trained here would be lost or mixed.
+    fn expect_kept(&self, asked: &CompareRequest, config: &RunConfig) -> Result<()> {
+        let folder = &self.place.folder;
+        let dir = folder.display();
+        config.expect_same(&self.place.config, folder)?;
+        if asked.seeds < self.asked.seeds {
+            let seeds = self.asked.seeds;
+            bail!(Folder, "{dir} has {seeds} seeds; ask for as many or more, or take another --out");
+        }
+        if asked.plan.data.is_some() && asked.plan.data != self.asked.plan.data {
+            bail!(Folder, "{dir} was made of other recordings; go on without --data-dir, or take another --out");
+        }
+        let mut changed = self.asked.recipes.differing(&asked.recipes);
+        if self.asked.published.is_some() && self.asked.published != asked.published {
+            changed.push(PUBLISHED);
+        }
+        for job in self.list().iter().filter(|job| changed.contains(&job.stem)) {
+            if job.state(&self.place.of_fold(job.fold))? != JobState::ToDo {
+                let stem = job.stem;
+                bail!(
+                    Folder,
+                    "{dir} has trainings of {stem} by another recipe; go on by `gnp compare --resume --out {dir}` alone, \
+                     or take another --out"
+                );
+            }
+        }
+        Ok(())
     }
 
     /// The table that was prepared in a folder.
@@ -148,7 +186,7 @@ impl PreparedTable {
     /// When the folder is not prepared, or its file is damaged.
     pub fn open(folder: &Path) -> Result<Self> {
         let asked = CompareRequest::read(folder)?;
-        let place = Place::start("table1", &asked.plan)?;
+        let place = Place::start(COMPARISON, &asked.plan)?;
         Ok(Self::of(place, asked))
     }
 
@@ -182,7 +220,7 @@ impl PreparedTable {
             let writes = self.learner(job)?.folder(job.seed, job.seed == self.first());
             Ok(JobReport {
                 id: job.to_string(),
-                state: job.state(&fold)?,
+                state: self.state(job)?,
                 needs: below(&fold.join("gnp")),
                 writes: below(&fold.join(writes)),
             })
@@ -238,7 +276,7 @@ impl PreparedTable {
         let all = self.list();
         let mut left = Vec::new();
         for job in &all {
-            if job.state(&self.place.of_fold(job.fold))? != JobState::Done {
+            if self.state(job)? != JobState::Done {
                 left.push(job.clone());
             }
         }
@@ -246,7 +284,7 @@ impl PreparedTable {
             let done = all.len() - left.len();
             machine.progress.note(&format!("{}: {done} of {} jobs were done before", self.place.stem, all.len()));
         }
-        // The longest first, so that no worker ends long after the others.
+        // What takes longest of all first, so that no worker ends long after the others.
         left.sort_by_key(|job| job.stem != PUBLISHED);
         workers::perform(self.place.stem, &left, workers, machine, perform).map_err(|error| self.place.error(error))
     }
@@ -263,19 +301,19 @@ impl PreparedTable {
     fn gathered(&self, allow_missing: bool, machine: &Machine) -> Result<()> {
         let mut missing: Vec<Job> = Vec::new();
         for job in self.list() {
-            if job.state(&self.place.of_fold(job.fold))? != JobState::Done {
+            if self.state(&job)? != JobState::Done {
                 missing.push(job);
             }
         }
-        let ours = missing.iter().any(|job| job.stem == FULL);
-        if !missing.is_empty() && (ours || !allow_missing) {
-            let names: Vec<String> = missing.iter().map(ToString::to_string).collect();
+        let needed: Vec<&Job> = missing.iter().filter(|job| job.stem == FULL || !allow_missing).collect();
+        if !needed.is_empty() {
+            let names: Vec<String> = needed.iter().map(ToString::to_string).collect();
             let dir = self.place.folder.display();
             bail!(
                 Folder,
                 "{} of {} jobs are not done: {}; do each by `gnp compare --job ID --out {dir}`, or all by \
                  `gnp compare --resume --out {dir}`",
-                missing.len(),
+                needed.len(),
                 self.list().len(),
                 names.join(", ")
             );
@@ -297,8 +335,10 @@ impl PreparedTable {
         let report = Report {
             stem: self.place.stem,
             title: "Table 1: all systems on the same windows",
-            about: "Every system was trained and scored here. Below stand the figures that the papers print, which rest \
-                    on other windows, other splits and in part on other quantities.",
+            about: "Every system was trained and scored here, all networks with the same augmentations, sampling and budget \
+                    of steps. *+ platoon*: the network's points are counted from the platoon's path, as GNP's are. Below \
+                    stand the figures that the papers print, which rest on other windows, other splits and in part on other \
+                    quantities.",
             ours: FULL,
             missing: &told,
             seeds: self.asked.seeds,
@@ -357,10 +397,19 @@ impl PreparedTable {
         }
     }
 
+    /// How far a job is: what is done has its weights.
+    fn state(&self, job: &Job) -> Result<JobState> {
+        let folder = self.place.of_fold(job.fold);
+        let learner = self.learner(job)?;
+        let state = job.state(&folder)?;
+        let weights = learner.weights(&folder.join(learner.folder(job.seed, job.seed == self.first())));
+        Ok(if state == JobState::Done && !weights.exists() { JobState::Begun } else { state })
+    }
+
     fn train(&self, job: &Job, machine: &Machine) -> Result<()> {
         let folder = self.place.of_fold(job.fold);
-        let _alone = job.lock(&folder)?;
-        if job.state(&folder)? == JobState::Done {
+        let _alone = job.lock(&folder, machine)?;
+        if self.state(job)? == JobState::Done {
             machine.progress.note(&format!("{job}: done before"));
             return Ok(());
         }

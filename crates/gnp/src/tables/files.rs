@@ -197,14 +197,14 @@ fn heading(report: &Report<'_>, scored: &Scored) -> String {
             let alone = report.one_seed.iter().map(|name| format!(" ({name}: the first alone)")).collect::<String>();
             format!(
                 "Seeds: everything learned was trained with {seeds}, {first} to {}{alone}. A row of {seeds} seeds is the \
-                 mean over them of what each window contributes, and its intervals draw seeds, too.",
+                 mean over them of what each window contributes, and its intervals are wider by how the trainings differ.",
                 first.wrapping_add(seeds as u64 - 1)
             )
         }
     };
     let mut text = format!(
         "# {}\n\n{} On {}. {seeds} All systems are scored on the same windows.{folds} Lengths in m. Intervals of 95 % from {} \
-         draws of drivers, and in square brackets of events, with replacement. Systems marked *future input* are handed recorded futures.\n",
+         draws of drivers with replacement, in square brackets of events where there are 3 or more. Systems marked *future input* are handed recorded futures.\n",
         report.title, report.about, run.folder.state.data.description, run.config.evaluate.bootstrap.resamples
     );
     if !report.missing.is_empty() {

@@ -1,12 +1,14 @@
 //! The jobs of a comparison: one training each, of one system on one fold with one seed.
 
 use std::fmt;
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context as _, Result, bail};
+use crate::machine::Machine;
 use crate::run::folder::write_json;
 
 /// How far a job is.
@@ -58,6 +60,9 @@ pub(super) struct Job {
     pub(super) seed: u64,
 }
 
+/// How often a job that another process does is asked after.
+const PERIOD: Duration = Duration::from_millis(200);
+
 /// What a job leaves beside its models.
 #[derive(Serialize, Deserialize)]
 struct Note {
@@ -96,13 +101,21 @@ impl Job {
     /// training of a worker that is given up may go on for a while. Where files cannot be locked nobody is kept out.
     ///
     /// # Errors
-    /// When the file cannot be made.
-    pub(super) fn lock(&self, fold: &Path) -> Result<File> {
+    /// When the file cannot be made; [`Error::Stopped`](crate::Error) while it waits.
+    pub(super) fn lock(&self, fold: &Path, machine: &Machine) -> Result<File> {
         let path = self.note(fold).with_extension("lock");
         let cannot = || format!("cannot make {}", path.display());
         fs::create_dir_all(fold.join("jobs")).with_context(cannot)?;
         let file = File::create(&path).with_context(cannot)?;
-        let _ = file.lock();
+        let mut told = false;
+        while matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
+            if !told {
+                machine.progress.note(&format!("{self}: another process does it; waiting for its end"));
+                told = true;
+            }
+            machine.stop.check()?;
+            std::thread::sleep(PERIOD);
+        }
         Ok(file)
     }
 
@@ -178,9 +191,14 @@ mod tests {
         let folder = tempfile::TempDir::new().unwrap();
         let [one, other] = [jobs()[0].clone(), jobs()[1].clone()];
         assert_eq!(one.state(folder.path()).unwrap(), JobState::ToDo);
-        let held = one.lock(folder.path()).unwrap();
+        let held = one.lock(folder.path(), &Machine::default()).unwrap();
         assert!(File::open(one.note(folder.path()).with_extension("lock")).unwrap().try_lock().is_err());
+        // Who waits for it can be stopped.
+        let machine = Machine::default();
+        machine.stop.request();
+        assert!(one.lock(folder.path(), &machine).unwrap_err().is_stopped());
         drop(held);
+        one.lock(folder.path(), &machine).unwrap();
         one.set(folder.path(), JobState::Begun, 0.).unwrap();
         assert_eq!(one.state(folder.path()).unwrap(), JobState::Begun);
         one.set(folder.path(), JobState::Done, 1.234).unwrap();

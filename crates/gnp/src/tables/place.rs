@@ -10,8 +10,10 @@ use crate::run::Run;
 use crate::run::folder::occupied;
 use crate::stages::Plan;
 
-/// What preparation writes of what a table was asked for.
+/// What preparation writes of what a comparison was asked for, once all of its folds are prepared.
 pub(super) const ASKED: &str = "table.toml";
+/// Stem of the files of a comparison.
+pub(super) const COMPARISON: &str = "table1";
 
 /// A table being made.
 #[derive(Clone, Debug)]
@@ -58,8 +60,10 @@ impl Place {
                 folder.display()
             );
         }
-        if in_use && !is_table(stem, &folder)? {
-            bail!(Folder, "{} is not the folder of a table; take another --out", folder.display());
+        // A prepared folder says what it is, whatever else people keep in it.
+        let prepared = folder.join(ASKED).is_file();
+        if in_use && !(prepared && stem == COMPARISON) && (prepared || !is_table(stem, &folder)?) {
+            bail!(Folder, "{} is not the folder of such a table; take another --out", folder.display());
         }
         Ok(Self { stem, folder, config })
     }

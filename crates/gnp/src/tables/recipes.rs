@@ -12,6 +12,7 @@ use gnp_neural_baselines::{
 };
 use gnp_train::{BatchReport, Observer, TrainError};
 
+use crate::config::RunConfig;
 use crate::evaluation::rules;
 use crate::evaluation::systems::System;
 use crate::progress::Work;
@@ -62,27 +63,34 @@ impl Row {
 }
 
 impl Recipes {
-    /// Those that come with the project.
+    /// Those that come with the project. Augmentations and sampling by site, where the recipes do not say them, are those of
+    /// the goal network in `config`.
     ///
     /// # Errors
     /// As [`Recipes::read`].
-    pub fn embedded() -> Result<Self> {
-        Self::parse(EMBEDDED).context("configs/neural-baselines.toml")
+    pub fn embedded(config: &RunConfig) -> Result<Self> {
+        Self::parse(EMBEDDED, &as_goals(config)).context("configs/neural-baselines.toml")
     }
 
-    /// Reads a file of recipes.
+    /// Reads a file of recipes; as [`Recipes::embedded`].
     ///
     /// # Errors
     /// When it is not there, no TOML, or has a baseline or key that does not exist or cannot be used.
-    pub fn read(path: &Path) -> Result<Self> {
+    pub fn read(path: &Path, config: &RunConfig) -> Result<Self> {
         let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Self::parse(&text).with_context(|| path.display().to_string())
+        Self::parse(&text, &as_goals(config)).with_context(|| path.display().to_string())
     }
 
-    pub(super) fn parse(text: &str) -> Result<Self> {
+    /// Reads recipes of which none leaves anything to a configuration.
+    pub(super) fn parse_whole(text: &str) -> Result<Self> {
+        Self::parse(text, &toml::Table::new())
+    }
+
+    fn parse(text: &str, defaults: &toml::Table) -> Result<Self> {
         let config = |error: toml::de::Error| Error::Config(error.to_string().trim_end().to_owned());
         let mut tables: BTreeMap<String, toml::Table> = toml::from_str(text).map_err(config)?;
-        let shared = tables.remove(SHARED).unwrap_or_default();
+        let mut shared = defaults.clone();
+        shared.extend(tables.remove(SHARED).unwrap_or_default());
         let column = tables.remove(ColumnNetwork::STEM).map(toml::Table::try_into::<ColumnRecipe>).transpose();
         let column = column.map_err(config).with_context(|| format!("[{}]", ColumnNetwork::STEM))?;
         if let Some(recipe) = &column {
@@ -107,6 +115,10 @@ impl Recipes {
                     "[{stem}]: {FORMS} names none; give published, deviation or both, or leave the table out"
                 );
             }
+            if stem == NeuralBaseline::PipInformed.stem() && forms.contains(&OutputForm::Deviation) {
+                // How much is believed would be fitted with recorded plans, and used with plans of constant velocity.
+                bail!(Config, "[{stem}]: {FORMS} can only be published; [pip_no_plan] has both");
+            }
             let recipe: Recipe = keys.try_into().map_err(config).with_context(|| format!("[{stem}]"))?;
             recipe.check().with_context(|| format!("[{stem}]"))?;
             networks.insert(stem, Trained { forms, recipe });
@@ -125,10 +137,32 @@ impl Recipes {
 
     /// What a table without some of the baselines says of them.
     pub(crate) fn missing(&self) -> Vec<String> {
-        let without = NeuralBaseline::ALL.into_iter().filter(|kind| !self.networks.contains_key(kind.stem()));
         let told = |name: &str, stem: &str| format!("{name}: has no recipe ([{stem}])");
-        let column = self.column.is_none().then(|| told(ColumnNetwork::NAME, ColumnNetwork::STEM));
-        column.into_iter().chain(without.map(|kind| told(kind.name(), kind.stem()))).collect()
+        let mut missing = Vec::new();
+        if self.column.is_none() {
+            missing.push(told(ColumnNetwork::NAME, ColumnNetwork::STEM));
+        }
+        for kind in NeuralBaseline::ALL {
+            let Some(Trained { forms, .. }) = self.networks.get(kind.stem()) else {
+                missing.push(told(kind.name(), kind.stem()));
+                continue;
+            };
+            let without =
+                [OutputForm::Published, OutputForm::Deviation].into_iter().filter(|form| !forms.contains(form));
+            let reason = |form| format!("{}: its recipe leaves it out ([{}] {FORMS})", kind.name_in(form), kind.stem());
+            missing.extend(without.map(reason));
+        }
+        missing
+    }
+
+    /// Stems of what is trained by these recipes and not, or otherwise, by `others`.
+    pub(super) fn differing(&self, others: &Self) -> Vec<&'static str> {
+        let (own, theirs) = (self.rows(), others.rows());
+        let mut stems: Vec<&str> = own.iter().filter(|row| !theirs.contains(row)).map(Row::stem).collect();
+        if self.column.is_some() && self.column != others.column {
+            stems.push(ColumnNetwork::STEM);
+        }
+        stems
     }
 
     /// The recipe of the column network.
@@ -136,6 +170,17 @@ impl Recipes {
     pub fn column(&self) -> Option<&ColumnRecipe> {
         self.column.as_ref()
     }
+}
+
+/// The keys of a recipe that are GNP's unless the recipe says otherwise: everybody sees windows as its goal network does.
+fn as_goals(config: &RunConfig) -> toml::Table {
+    let goal = &config.goal;
+    let keys = [
+        ("mirror", goal.loss.mirror),
+        ("longitudinal_scale", goal.loss.longitudinal_scale),
+        ("site_sampling_exponent", goal.train.site_sampling_exponent),
+    ];
+    keys.into_iter().map(|(key, value)| (key.to_owned(), value.into())).collect()
 }
 
 /// The table of keys that every published network has, unless its own says otherwise.
@@ -231,9 +276,25 @@ mod tests {
 
     #[test]
     fn the_recipes_that_come_with_the_project_can_be_used() {
-        let recipes = Recipes::embedded().unwrap();
+        let config = RunConfig::embedded("ngsim", &[]).unwrap();
+        let recipes = Recipes::embedded(&config).unwrap();
+        // Augmentations are those of the goal network.
+        let recipe = &recipes.networks["cs_lstm"].recipe;
+        assert_eq!(
+            (recipe.mirror, recipe.longitudinal_scale),
+            (config.goal.loss.mirror, config.goal.loss.longitudinal_scale)
+        );
+        assert_eq!(recipe.site_sampling_exponent, config.goal.train.site_sampling_exponent);
         assert!(!recipes.rows().is_empty() && recipes.column().is_some());
-        assert_eq!(Recipes::parse(&toml::to_string(&recipes).unwrap()).unwrap(), recipes);
+        assert_eq!(Recipes::parse_whole(&toml::to_string(&recipes).unwrap()).unwrap(), recipes);
+        assert!(recipes.differing(&recipes).is_empty());
+        let mut other = recipes.clone();
+        other.networks.get_mut("cs_lstm").unwrap().recipe.steps += 1;
+        other.networks.remove("stdan");
+        let stems = ["cs_lstm", "cs_lstm_deviation", "stdan", "stdan_deviation"];
+        assert_eq!(recipes.differing(&other), stems);
+        assert_eq!(other.differing(&recipes), stems[..2]);
+        assert!(other.missing().contains(&"STDAN: has no recipe ([stdan])".to_owned()));
         for line in EMBEDDED.lines().filter(|line| line.contains(" = ")) {
             assert!(line.starts_with('#') || line.contains(" # "), "no comment: {line}");
         }
@@ -241,12 +302,16 @@ mod tests {
 
     #[test]
     fn a_baseline_or_key_that_does_not_exist_is_named() {
-        let message = |text: &str| Recipes::parse(text).unwrap_err().chain();
+        let defaults = as_goals(&RunConfig::embedded("ngsim", &[]).unwrap());
+        let message = |text: &str| Recipes::parse(text, &defaults).unwrap_err().chain();
         let text = EMBEDDED;
         assert!(message(&text.replacen("[cs_lstm]", "[cslstm]", 1)).contains("[cslstm]"));
         assert!(message(&text.replacen("\nsteps =", "\nstaps =", 1)).contains("steps"));
         assert!(message(&text.replacen("hidden =", "hide =", 1)).contains("hide"));
         assert!(message(&text.replacen("networks = 5", "networks = 0", 1)).contains("[column_network]"));
+        assert!(Recipes::parse_whole(text).unwrap_err().chain().contains("mirror"));
+        let with_plan = text.replacen("[pip_no_plan]", "[pip]", 1);
+        assert!(message(&with_plan).contains("[pip_no_plan] has both"));
         assert!(message(&text.replacen("unit_m = 5.0", "unit_m = 0.0", 1)).contains("unit_m"));
     }
 }

@@ -74,13 +74,9 @@ const REPULSION: &[Stage] = &[Stage::Repulsion];
 const ALL: &[Stage] = &TRAINED;
 
 const ONE_MODE: Change = Change::Keys(&[("modes.modes", "1")]);
-/// Neighbours behind their leaders need the platoon as reference, and so much trust in the reference rests on it: both
-/// fall back with it.
-const STRAIGHT_REFERENCE: Change = Change::Keys(&[
-    ("features.reference", "constant_velocity"),
-    ("predict.neighbours", "constant_velocity"),
-    ("predict.trust", "1.0"),
-]);
+/// Neighbours behind their leaders need the platoon as reference: they fall back with it.
+const STRAIGHT_REFERENCE: Change =
+    Change::Keys(&[("features.reference", "constant_velocity"), ("predict.neighbours", "constant_velocity")]);
 
 const fn variant(name: &'static str, change: Change, redo: &'static [Stage], force: Force, input: Input) -> Variant {
     Variant { name, change, redo, force, input }

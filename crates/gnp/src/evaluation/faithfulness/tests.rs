@@ -99,7 +99,7 @@ fn near(found: Option<Estimate>, expected: f64) -> bool {
     found.is_some_and(|found| (found.value - expected).abs() < 1e-4)
 }
 
-/// Held back by 4, 3, 2 and 1 m; physical causes 2 m less that: -2, -1, 0 and 1 m; learned 1 m; the whole -1, 0, 1, 2 m.
+/// Held back by 4, 3, 2 and 1 m; physical causes 2 m less that: -2, -1, 0 and 1 m; learned 1 m; the whole -1 to 2 m.
 #[test]
 fn a_true_explanation_has_correlation_and_slope_1() {
     let [row] = &rows(&TRUE, &["s"])[..] else { panic!("one site") };
