@@ -10,7 +10,7 @@ use road::{Car, Straight, config, find, sized, windows};
 
 /// Eight drivers in each of four scenes of one site, under the same numbers and of the same sizes; in each scene all
 /// drive otherwise, and harder from scene to scene.
-fn scenes() -> Vec<Recording> {
+fn scenes(shared: bool) -> Vec<Recording> {
     let scene = |(index, name): (usize, &str)| {
         let car = |i: u32| Car {
             vehicle: i,
@@ -20,7 +20,8 @@ fn scenes() -> Vec<Recording> {
             a: -0.5 - 0.7 * index as f32 - 0.01 * i as f32,
         };
         let cars: Vec<Car> = (1..=8).map(car).collect();
-        let size = |car: &Car| [3.9 + 0.137 * car.vehicle as f32, 1.7 + 0.043 * car.vehicle as f32];
+        let own = if shared { 0. } else { 0.011 * index as f32 };
+        let size = |car: &Car| [3.9 + own + 0.137 * car.vehicle as f32, 1.7 + 0.043 * car.vehicle as f32];
         sized(name, "us-101", false, &cars, size)
     };
     ["a", "b", "c", "d"].into_iter().enumerate().map(scene).collect()
@@ -28,7 +29,7 @@ fn scenes() -> Vec<Recording> {
 
 #[test]
 fn a_driver_counts_once_whatever_the_scene_and_the_fold() {
-    let recordings = scenes();
+    let recordings = scenes(true);
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let model = Straight { name: "straight", drift: 0. };
     let config = config(&[Protocol::Clean]);
@@ -37,11 +38,9 @@ fn a_driver_counts_once_whatever_the_scene_and_the_fold() {
     let whole = of(set.ids());
     let scores = whole.scores(&config.bootstrap);
     let fde = find(&scores, "us-101", Metric::top_1(MetricKind::Fde, 2.));
-    assert_eq!((fde.windows, fde.vehicles, fde.events), (32, 8, 4));
-    // Drivers hardly differ, scenes do.
-    let inner = fde.ci_high.unwrap() - fde.ci_low.unwrap();
-    let outer = fde.event_ci_high.unwrap() - fde.event_ci_low.unwrap();
-    assert!(outer > 5. * inner, "by driver {inner}, by event {outer}");
+    // Short scenes of the same drivers are of one event, which says nothing of others.
+    assert_eq!((fde.windows, fde.vehicles, fde.events), (32, 8, 1));
+    assert_eq!(fde.event_ci_low, None);
 
     // Folds agree on who is who, although none of them has all scenes.
     let part = |names: &[&str]| -> Vec<WindowId> {
@@ -72,11 +71,11 @@ impl Predictor for Astray {
     }
 }
 
-/// In three of four scenes one model is better, and for every driver so on the whole. By driver that is sure; whether
-/// it would be so in other scenes, four do not say.
+/// In three of four scenes one model is better. By driver that is sure; whether it would be so in other scenes, four do
+/// not say.
 #[test]
 fn events_must_agree_for_a_verdict() {
-    let recordings = scenes();
+    let recordings = scenes(false);
     let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
     let config = config(&[Protocol::Literature]);
     let verdict = |scenes: &'static [&'static str], of_other: &'static [&'static str]| {
@@ -85,7 +84,7 @@ fn events_must_agree_for_a_verdict() {
         let evaluation = evaluate(&set, set.ids(), &models, &config, &mut |_| Ok(())).unwrap();
         let rows = evaluation.comparisons("ours", &config.bootstrap).unwrap();
         let row = &rows[0];
-        assert!((row.vehicles, row.events) == (8, 4) && row.ci_high.unwrap() < 0., "{row:?}");
+        assert!((row.vehicles, row.events) == (32, 4) && row.ci_high.unwrap() < 0., "{row:?}");
         (row.verdict, row.event_ci_high.unwrap() < 0.)
     };
     assert_eq!(verdict(&["d"], &["a", "b", "c"]), (Verdict::Open, false));

@@ -286,7 +286,7 @@ fn job_by_job_is_the_same_table_as_all_at_once() {
     // Another configuration is another table, and a folder that is not prepared has no jobs.
     let other = ["--recipes", &recipes, "--set", "split.folds=2", "--set", "goal.epochs=3", "--plan"];
     run(&arguments("compare", data.path(), &parts, &config, &other)).badly(&["goal.epochs", "is 3 and was 2"]);
-    step(&["--plan", "--set", "goal.epochs=3"]).badly(&["is prepared"]);
+    step(&["--plan", "--set", "goal.epochs=3"]).badly(&["has its settings"]);
     let bare = out.path().join("bare");
     run(&["compare", "--out", bare.to_str().unwrap(), "--job", &jobs[0]]).badly(&["is not a prepared table"]);
 }

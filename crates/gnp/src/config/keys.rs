@@ -6,6 +6,9 @@
 use crate::error::{Context as _, Error, Result, bail};
 use toml::{Table, Value};
 
+/// Keys that take a number or a word.
+const OF_TWO_TYPES: [&str; 1] = ["predict.trust"];
+
 /// Tables that are checked as one value: their keys name things of the data, or differ by kind.
 const WHOLE: [&str; 5] =
     ["windows.site_stride_s", "split.sites", "goal.schedule", "attraction.schedule", "repulsion.schedule"];
@@ -116,7 +119,7 @@ pub(crate) fn set(table: &mut Table, setting: &Setting) -> Result<()> {
     let slot = inner.and_then(|inner| inner.get_mut(last)).ok_or_else(|| Error::Config(format!("no key `{key}`")))?;
     *slot = match (&*slot, parse(text)) {
         (Value::Float(_), Value::Integer(whole)) => Value::Float(whole as f64),
-        (old, new) if old.same_type(&new) => new,
+        (old, new) if old.same_type(&new) || OF_TWO_TYPES.contains(&key.as_str()) => new,
         (old, new) => bail!(
             Config,
             "--set {key}={text}: `{key}` takes a value of type {}, as in `{key} = {old}`; this is of type {}",

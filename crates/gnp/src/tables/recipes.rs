@@ -309,7 +309,7 @@ mod tests {
         assert!(message(&text.replacen("\nsteps =", "\nstaps =", 1)).contains("steps"));
         assert!(message(&text.replacen("hidden =", "hide =", 1)).contains("hide"));
         assert!(message(&text.replacen("networks = 5", "networks = 0", 1)).contains("[column_network]"));
-        assert!(Recipes::parse_whole(text).unwrap_err().chain().contains("mirror"));
+        assert!(Recipes::parse_whole(text).unwrap_err().chain().contains("site_sampling_exponent"));
         let with_plan = text.replacen("[pip_no_plan]", "[pip]", 1);
         assert!(message(&with_plan).contains("[pip_no_plan] has both"));
         assert!(message(&text.replacen("unit_m = 5.0", "unit_m = 0.0", 1)).contains("unit_m"));
