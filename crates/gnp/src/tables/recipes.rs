@@ -310,7 +310,7 @@ mod tests {
         assert!(message(&text.replacen("hidden =", "hide =", 1)).contains("hide"));
         assert!(message(&text.replacen("networks = 5", "networks = 0", 1)).contains("[column_network]"));
         assert!(Recipes::parse_whole(text).unwrap_err().chain().contains("site_sampling_exponent"));
-        let with_plan = text.replacen("[pip_no_plan]", "[pip]", 1);
+        let with_plan = text.replacen("\n[pip_no_plan]", "\n[pip]", 1);
         assert!(message(&with_plan).contains("[pip_no_plan] has both"));
         assert!(message(&text.replacen("unit_m = 5.0", "unit_m = 0.0", 1)).contains("unit_m"));
     }
