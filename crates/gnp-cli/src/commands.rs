@@ -215,6 +215,7 @@ fn table(args: &TableArgs, stem: &str, program: &Program) -> Result<(Plan, RunCo
     Ok((plan, config))
 }
 
+#[expect(clippy::result_large_err, reason = "the library's error, which it asks for")]
 fn compare(args: &CompareArgs, program: &Program) -> Result<()> {
     let on = || crate::machine(&args.table.machine, program);
     // Both are of a prepared folder, which the command line names.

@@ -3,6 +3,8 @@
 //! candle's operations on long tensors meet at one barrier in a process, where two trainings would wait for each other, and
 //! one training with threads waits longer for them than they help: two processes of one thread do twice as much.
 
+#![expect(clippy::result_large_err, reason = "the library's error, which it asks for")]
+
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};

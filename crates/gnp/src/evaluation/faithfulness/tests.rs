@@ -153,7 +153,7 @@ fn sites_have_rows_of_their_own_and_one_together() {
     assert_eq!(back.len(), found.len());
     for (back, row) in back.iter().zip(&found) {
         assert_eq!((&back.model, &back.site, back.windows), (&row.model, &row.site, row.windows));
-        let [ours, theirs] = [row, back].map(|row| row.physical_share.clone().and_then(|share| share.ci_low));
+        let [ours, theirs] = [row, back].map(|row| row.physical_share.and_then(|share| share.ci_low));
         assert!((ours.unwrap() - theirs.unwrap()).abs() < 1e-12, "{back:?}");
     }
 }
