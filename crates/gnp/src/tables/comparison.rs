@@ -335,10 +335,10 @@ impl PreparedTable {
         let report = Report {
             stem: self.place.stem,
             title: "Table 1: all systems on the same windows",
-            about: "Every system was trained and scored here, all networks with the same augmentations, sampling and budget \
-                    of steps. *+ platoon*: the network's points are counted from the platoon's path, as GNP's are. Below \
-                    stand the figures that the papers print, which rest on other windows, other splits and in part on other \
-                    quantities.",
+            about: "Every system was trained and scored here, the networks with the same augmentations and sampling, the \
+                    published ones with one budget of steps. *+ platoon*: the network's points are counted from the \
+                    platoon's path, as GNP's are. Below stand the figures that the papers print, which rest on other \
+                    windows, other splits and in part on other quantities.",
             ours: FULL,
             missing: &told,
             seeds: self.asked.seeds,
