@@ -239,7 +239,7 @@ fn compare(args: &CompareArgs, program: &Program) -> Result<()> {
     let workers = args.workers.map_or(threads, usize::from);
     let table = PreparedTable::prepare(&asked, &machine)?;
     let device = args.table.machine.device;
-    table.perform_all_by(workers, &machine, |id| processes::perform(table.folder(), id, device, &machine.stop))?;
+    table.perform_all(workers, &machine, |id| processes::perform(table.folder(), id, device, &machine.stop))?;
     Ok(table.gather(false, &machine)?)
 }
 

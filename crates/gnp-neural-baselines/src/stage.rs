@@ -1,12 +1,12 @@
 //! The training of every learned baseline: mean squared error first, then likelihood.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use candle_core::{D, Tensor, Var};
 use gnp_data::{Truth, Window, WindowId, WindowSet, nearest_to_mean};
 use gnp_nn::Weights;
-use gnp_train::{BatchTotals, EpochReport, Observer, Plan, Stage, TrainError, derive_seed};
+use gnp_train::{BatchTotals, EpochReport, Observer, Plan, Stage, TrainError, Windows, derive_seed};
 
 use crate::gauss::mixture_nll;
 use crate::kind::NeuralBaseline;
@@ -122,14 +122,6 @@ fn drawn(recipe: &Recipe, seed: u64) -> Variation {
     Variation { mirrored: uniform(0) < recipe.mirror, along }
 }
 
-/// Site of each window as a number, in the order of the sites' names.
-pub(crate) fn sites(set: &WindowSet<'_>, ids: &[WindowId]) -> Vec<u32> {
-    let name = |id: &WindowId| set.recording(*id).map_or("", |recording| recording.meta().site.as_str());
-    let names: BTreeSet<&str> = ids.iter().map(name).collect();
-    let number: BTreeMap<&str, u32> = names.into_iter().zip(0..).collect();
-    ids.iter().map(|id| number.get(name(id)).copied().unwrap_or_default()).collect()
-}
-
 /// Keeps logarithms of probabilities finite, and gradients where a class has died out.
 fn log(p: &Tensor) -> candle_core::Result<Tensor> {
     p.clamp(1e-7, 1.)?.log()
@@ -164,11 +156,11 @@ impl Stage for RecipeStage<'_> {
     }
 
     fn train_sites(&self) -> Vec<u32> {
-        sites(self.set, self.train)
+        Windows::new(self.set, self.train).sites()
     }
 
     fn validation_sites(&self) -> Vec<u32> {
-        sites(self.set, self.validation)
+        Windows::new(self.set, self.validation).sites()
     }
 
     fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {

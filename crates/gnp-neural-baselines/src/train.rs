@@ -9,7 +9,7 @@ use candle_core::{Device, Tensor};
 use gnp_baselines::PlatoonRule;
 use gnp_data::{WindowId, WindowSet};
 use gnp_nn::Weights;
-use gnp_train::{CheckpointSlot, End, Observer, Progress, Sink, Trainer, TrainingState};
+use gnp_train::{CheckpointSlot, End, Observer, Progress, Sink, Trainer, TrainingState, Windows};
 
 use crate::checkpoint::{Checkpoint, Header};
 use crate::error::NeuralBaselineError;
@@ -17,7 +17,7 @@ use crate::kind::NeuralBaseline;
 use crate::learned::{TrainedBaseline, inputs};
 use crate::net::Net;
 use crate::recipe::{OutputForm, Recipe};
-use crate::stage::{Epochs, RecipeStage, is_statistic, sites};
+use crate::stage::{Epochs, RecipeStage, is_statistic};
 
 /// What a baseline is trained on.
 #[derive(Clone, Copy, Debug)]
@@ -102,7 +102,7 @@ impl TrainedBaseline {
         if learned.form() == OutputForm::Published || learned.header().trust.is_some() {
             return Ok(learned);
         }
-        let sites = sites(data.set, data.validation);
+        let sites = Windows::new(data.set, data.validation).sites();
         let mut counts = BTreeMap::<u32, f64>::new();
         sites.iter().for_each(|site| *counts.entry(*site).or_default() += 1.);
         let balance = learned.header().recipe.site_sampling_exponent;

@@ -63,7 +63,7 @@ pub use crate::report::{Replayed, can_replay, write_replay, write_report};
 pub use crate::run::Run;
 pub use crate::run::folder::{DataState, RunState, Stage};
 pub use crate::stages::Plan;
-pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Recipes, ablate, compare};
+pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Recipes, ablate};
 pub use crate::traffic::{DriveOn, Measured, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};
 pub use gnp_simulation::Scene;
 

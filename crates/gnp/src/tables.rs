@@ -1,5 +1,5 @@
 //! Tables of systems trained where they are not yet, and scored on the same windows: GNP beside rules and neural
-//! baselines ([`compare`]), and GNP beside its ablations ([`ablate`]).
+//! baselines ([`PreparedTable`]), and GNP beside its ablations ([`ablate`]).
 //!
 //! A table has a folder: `gnp/` is the run of the full model, `learned/` has the neural baselines, `gnp-seed-1/`,
 //! `learned-seed-1/` and so on the same with other seeds, `published/` is a run of the published model, `variants/` are
@@ -24,7 +24,7 @@ mod workers;
 use gnp_data::{Split, WindowSet};
 
 pub use self::asked::CompareRequest;
-pub use self::comparison::{PreparedTable, compare};
+pub use self::comparison::PreparedTable;
 use self::files::{Report, Scored, write_report};
 use self::fit::Fit;
 pub use self::jobs::{JobReport, JobState};
@@ -53,7 +53,7 @@ pub(crate) struct Fold<'a> {
 /// The ablations of GNP.
 ///
 /// # Errors
-/// As [`compare`].
+/// As [`PreparedTable::gather`]; when a training fails.
 pub fn ablate(plan: &Plan, machine: &Machine) -> Result<()> {
     let place = Place::start("table2", plan)?;
     let scored = place.pooled(|fold| ablated(&place, plan, fold, machine)).map_err(|error| place.error(error))?;

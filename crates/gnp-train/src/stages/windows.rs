@@ -35,7 +35,8 @@ impl<'a> Windows<'a> {
     }
 
     /// Site of each window as a number, in the order of the sites' names.
-    pub(crate) fn sites(&self) -> Vec<u32> {
+    #[must_use]
+    pub fn sites(&self) -> Vec<u32> {
         let name = |id: &WindowId| self.set.recording(*id).map_or("", |recording| recording.meta().site.as_str());
         let names: BTreeSet<&str> = self.ids.iter().map(name).collect();
         let number: BTreeMap<&str, u32> = names.into_iter().zip(0..).collect();

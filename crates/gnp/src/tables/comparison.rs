@@ -244,34 +244,17 @@ impl PreparedTable {
         self.train(jobs::named(id, &self.list())?, machine).map_err(|error| self.place.error(error))
     }
 
-    /// Does all jobs that are not done, `workers` at a time in threads of this process, each on one thread. Results do
-    /// not depend on how many.
+    /// Does all jobs that are not done, `workers` at a time, and says so line by line. `perform` does the one that is called
+    /// so, by [`PreparedTable::perform`], best in a process of its own: candle's threads are of a process. Results do not
+    /// depend on how many workers there are.
     ///
     /// # Errors
     /// [`Error::Jobs`](crate::Error) with those that failed after the others are done; [`Error::Stopped`](crate::Error).
-    pub fn perform_all(&self, workers: usize, machine: &Machine) -> Result<()> {
-        self.all_left(workers, machine, |job, machine| self.train(job, machine))
-    }
-
-    /// As [`PreparedTable::perform_all`], where `perform` does the job that is called so: in another process, say, by
-    /// [`PreparedTable::perform`] there.
-    ///
-    /// # Errors
-    /// As [`PreparedTable::perform_all`].
-    pub fn perform_all_by(
+    pub fn perform_all(
         &self,
         workers: usize,
         machine: &Machine,
         perform: impl Fn(&str) -> Result<()> + Sync,
-    ) -> Result<()> {
-        self.all_left(workers, machine, |job, _| perform(&job.to_string()))
-    }
-
-    fn all_left(
-        &self,
-        workers: usize,
-        machine: &Machine,
-        perform: impl Fn(&Job, &Machine) -> Result<()> + Sync,
     ) -> Result<()> {
         let all = self.list();
         let mut left = Vec::new();
@@ -286,7 +269,8 @@ impl PreparedTable {
         }
         // What takes longest of all first, so that no worker ends long after the others.
         left.sort_by_key(|job| job.stem != PUBLISHED);
-        workers::perform(self.place.stem, &left, workers, machine, perform).map_err(|error| self.place.error(error))
+        workers::perform(self.place.stem, &left, workers, machine, |job| perform(&job.to_string()))
+            .map_err(|error| self.place.error(error))
     }
 
     /// Scores every system and writes the table.
@@ -423,16 +407,4 @@ impl PreparedTable {
         learner.systems(&Fold { run: &run, set: &set, split: &split }, job.seed, &place)?;
         job.set(&folder, JobState::Done, started.elapsed().as_secs_f64())
     }
-}
-
-/// GNP, the rules and the neural baselines that have a recipe, on the same windows; GNP as published, too, where
-/// `asked` has its configuration. A row of several seeds is the mean over them, and intervals draw them. What is
-/// missing is trained by so many `workers` at a time ([`PreparedTable`] does the steps one by one).
-///
-/// # Errors
-/// When a training or an evaluation fails; [`Error::Stopped`](crate::Error) with the table's folder.
-pub fn compare(asked: &CompareRequest, workers: usize, machine: &Machine) -> Result<()> {
-    let table = PreparedTable::prepare(asked, machine)?;
-    table.perform_all(workers, machine)?;
-    table.gather(false, machine)
 }

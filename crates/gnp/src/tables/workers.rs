@@ -1,13 +1,11 @@
-//! Jobs side by side in threads of this process, each on one thread.
+//! Jobs side by side.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use super::jobs::Job;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
-use crate::progress::Silent;
 use crate::text::duration;
 
 /// Does every job once, `workers` at a time, and says so on `machine` line by line. A job that fails lets the others go on.
@@ -19,21 +17,17 @@ pub(super) fn perform(
     jobs: &[Job],
     workers: usize,
     machine: &Machine,
-    job: impl Fn(&Job, &Machine) -> Result<()> + Sync,
+    job: impl Fn(&Job) -> Result<()> + Sync,
 ) -> Result<()> {
     let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let total = jobs.len();
-    // Bars of several trainings at once are nothing to look at.
-    let quiet = Machine { progress: Arc::new(Silent), ..machine.clone() };
     let work = || -> Result<Vec<(String, Error)>> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-        let pool = pool.map_err(|error| Error::Unavailable(format!("cannot start a thread: {error}")))?;
         let mut failed = Vec::new();
         while let Some(one) = jobs.get(next.fetch_add(1, Ordering::SeqCst)) {
             machine.stop.check()?;
             machine.progress.note(&format!("{stem}: {one} started"));
             let started = Instant::now();
-            let result = pool.install(|| job(one, &quiet));
+            let result = job(one);
             match result {
                 Err(error) if error.is_stopped() => return Err(error),
                 Err(error) => {
@@ -72,11 +66,10 @@ mod tests {
     }
 
     #[test]
-    fn every_job_is_done_once_on_one_thread_and_a_failure_lets_the_others_finish() {
+    fn every_job_is_done_once_and_a_failure_lets_the_others_finish() {
         for workers in [1, 3, 20] {
             let seen = Mutex::new(Vec::new());
-            let result = perform("table1", &jobs(), workers, &Machine::default(), |job, _| {
-                assert_eq!(rayon::current_num_threads(), 1);
+            let result = perform("table1", &jobs(), workers, &Machine::default(), |job| {
                 seen.lock().unwrap().push(job.seed);
                 if job.seed == 2 { Err(Error::Config("is odd".to_owned())) } else { Ok(()) }
             });
@@ -94,12 +87,12 @@ mod tests {
     #[test]
     fn a_stop_ends_all_workers() {
         let (machine, started) = (Machine::default(), AtomicUsize::new(0));
-        let result = perform("table1", &jobs(), 2, &machine, |_, machine| {
+        let result = perform("table1", &jobs(), 2, &machine, |_| {
             started.fetch_add(1, Ordering::SeqCst);
             machine.stop.request();
             machine.stop.check()
         });
         assert!(result.unwrap_err().is_stopped() && started.into_inner() <= 2);
-        perform("table1", &[], 2, &Machine::default(), |_, _| Ok(())).unwrap();
+        perform("table1", &[], 2, &Machine::default(), |_| Ok(())).unwrap();
     }
 }
