@@ -3,7 +3,11 @@
 use crate::format::Format;
 
 #[cfg(feature = "readers")]
+mod findings;
+#[cfg(feature = "readers")]
 mod highd;
+#[cfg(feature = "readers")]
+mod motion;
 #[cfg(feature = "readers")]
 mod ngsim;
 #[cfg(feature = "readers")]

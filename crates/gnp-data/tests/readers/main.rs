@@ -4,6 +4,7 @@
 
 mod bad_input;
 mod cache;
+mod contradictions;
 mod highd;
 mod layouts;
 mod leaders;
