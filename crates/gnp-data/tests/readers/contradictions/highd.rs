@@ -191,6 +191,20 @@ fn a_highd_vehicle_that_contradicts_itself_is_left_out() {
 }
 
 #[test]
+fn highd_rows_with_another_velocity_than_their_positions() {
+    let still = |vehicles: std::ops::RangeInclusive<i64>| {
+        highd(|made| {
+            made.lines_of(vehicles.clone())
+                .filter(|line| (20..35).contains(&line.frame))
+                .for_each(|line| line.v[0] = 0.);
+        })
+    };
+    let rows = "rows have a velocity more than 3 m/s off their positions";
+    assert_eq!(counted(&still(7..=7).unwrap().1), (vec![], vec![(&*format!("{rows}: kept"), 15)]));
+    says(&still(1..=VEHICLES).unwrap_err(), &["05_tracks.csv", "line 21", "xvelocity", &format!("360 of 1440 {rows}")]);
+}
+
+#[test]
 fn highd_vehicles_off_the_road() {
     let road = &["05_tracks.csv", "line 2", "column `y`", "24 of 24 vehicles drive more than 4 m outside"];
     refused(|made| made.lines_of(1..=VEHICLES).for_each(|line| line.y += 500.), road);
@@ -336,7 +350,15 @@ fn highd_sizes() {
         |made| made.vehicles.iter_mut().for_each(|it| it.size = [2., 5.]),
         &["05_tracks.csv", "line 2", "24 of 24 vehicles have another size than tracksMeta"],
     );
-    let (_, report) = highd(|made| made.vehicles[6].size = [5.5, 2.]).unwrap();
-    let rows = "vehicles have another size than tracksMeta: the corner is that of the row, the size that of tracksMeta";
-    assert_eq!(counted(&report), (vec![], vec![(rows, 1)]));
+    let wrong = |frames: i64| {
+        highd(|made| made.lines_of(7..=7).filter(|line| line.frame <= frames).for_each(|line| line.size = [9., 2.]))
+            .unwrap()
+    };
+    assert_eq!(counted(&wrong(60).1).0, [("have another size than tracksMeta", 1)]);
+    let (recording, report) = wrong(5);
+    assert_eq!(
+        counted(&report),
+        (vec![], vec![("rows have another size than tracksMeta: that of tracksMeta is taken", 5)])
+    );
+    assert_eq!(recording.columns(), highd(|_| {}).unwrap().0.columns());
 }

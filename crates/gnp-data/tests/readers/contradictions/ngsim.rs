@@ -103,6 +103,11 @@ fn ngsim_lanes_that_are_not_those_of_positions() {
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.lane = 5 - row.lane)), lane);
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.lane = 1 + (row.frame % 4) as i32)), lane);
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.x = 60. - row.x)), lane);
+    let off = |vehicles: std::ops::Range<u32>| {
+        ngsim(|rows| rows.iter_mut().filter(|row| vehicles.contains(&row.vehicle)).for_each(|row| row.x += 500.))
+    };
+    assert_eq!(counted(&off(7..8).unwrap().1).0, [("drive more than 20 m outside the lanes", 1)]);
+    refused_ngsim(off(1..6), &["made.csv", "local_x", "5 of 20 vehicles drive more than 20 m outside"]);
     let (recording, report) = ngsim(|rows| rows[..10].iter_mut().for_each(|row| row.lane = 4)).unwrap();
     let rows = "rows have a Lane_ID that contradicts Local_X: the lane is taken as unknown";
     assert!(counted(&report).1.contains(&(rows, 10)), "{:?}", report.remarks());
