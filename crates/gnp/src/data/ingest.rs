@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
 use crate::data::source::Found;
+use crate::inside::inside;
 use crate::machine::Machine;
 use crate::memory;
 use crate::run::folder::{DataState, write, write_json};
@@ -136,7 +137,7 @@ impl IngestSummary {
         for (done, kept) in self.recordings.iter().enumerate() {
             machine.stop.check()?;
             work.at(done as u64, "");
-            recordings.push(Recording::load(&folder.join(&kept.file))?);
+            recordings.push(Recording::load(&inside(folder, &kept.file)?)?);
         }
         Ok(recordings)
     }
@@ -209,5 +210,24 @@ mod tests {
     #[test]
     fn names_become_file_names() {
         assert_eq!(plain("us-101 07:50/a.b"), "us-101_07_50_a.b");
+    }
+
+    /// A run may come from a stranger: what `ingest.json` names is read from the run folder or not at all.
+    #[test]
+    fn recordings_are_read_from_the_run_alone() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("run");
+        fs::create_dir(&folder).unwrap();
+        let machine = Machine::default();
+        let config = RunConfig::embedded("ngsim", &["data.max_recordings=1".parse().unwrap()]).unwrap();
+        let mut report = run(crate::data::source::find(&config, None).unwrap(), &config, &folder, &machine).unwrap();
+        assert_eq!(report.load(&folder, &machine).unwrap().len(), 1);
+        let outside = parent.path().join("outside.rec");
+        fs::rename(folder.join(&report.recordings[0].file), &outside).unwrap();
+        for name in ["../outside.rec", outside.to_str().unwrap()] {
+            report.recordings[0].file = name.to_owned();
+            let message = report.load(&folder, &machine).unwrap_err().to_string();
+            assert!(message.contains("is no name of something in this folder"), "{message}");
+        }
     }
 }
