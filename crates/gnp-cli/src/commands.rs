@@ -413,7 +413,10 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     } else {
         machine.progress.result(&explained.text());
     }
-    let out = args.out.clone().map_or_else(|| explained.folder(&run), Ok)?;
+    let out = match &args.out {
+        Some(out) => out.clone(),
+        None => explained.folder(&run)?,
+    };
     explained.save_figures(&out)?;
     machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())
