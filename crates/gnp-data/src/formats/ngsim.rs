@@ -223,7 +223,11 @@ struct Raw {
 fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     let file = source.file()?;
     let table = Head::read(file)?.map(|head| recognise(file, &head)).transpose()?.flatten();
-    let table = table.ok_or_else(|| DataError::Empty { file: file.into() })?;
+    let table = table.ok_or_else(|| DataError::NoRecordings {
+        folder: file.into(),
+        expected: Ngsim.files().to_owned(),
+        seen: "a table or text of another kind".to_owned(),
+    })?;
     let merged = MERGED.iter().any(|column| table.find(&[column]).is_some());
     let raw = read_rows(&table)?;
     let (sites, mut skipped) = sites_of(&raw, source);
