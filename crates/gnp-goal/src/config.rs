@@ -69,22 +69,30 @@ pub struct GoalShape {
 }
 
 impl GoalConfig {
+    /// Every number: key, least, most, unit. What is larger is a slip of the keyboard and would end in a failed
+    /// allocation.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 5] = [
+        ("width", 1., 8192., "units"),
+        ("heads", 1., 256., "heads"),
+        ("layers", 0., 128., "layers"),
+        ("feed_forward", 1., 64., "times the width"),
+        ("dropout", 0., 0.95, "of the values"),
+    ];
+
     /// # Errors
     /// When a setting is out of range; the message names the key and the remedy.
     pub fn check(&self) -> Result<(), GoalError> {
-        let wrong =
-            |key, value: String, remedy: &str| Err(GoalError::Setting { key, value, remedy: remedy.to_owned() });
-        for (key, value) in [("width", self.width), ("heads", self.heads), ("feed_forward", self.feed_forward)] {
-            if value == 0 {
-                return wrong(key, value.to_string(), "set it to 1 or more");
+        let wrong = |key, value: String, remedy| Err(GoalError::Setting { key, value, remedy });
+        let sizes = [self.width, self.heads, self.layers, self.feed_forward].map(|size| size as f64);
+        let values = sizes.into_iter().chain([f64::from(self.dropout)]);
+        for ((key, least, most, unit), value) in Self::RANGES.into_iter().zip(values) {
+            if !(least..=most).contains(&value) {
+                return wrong(key, value.to_string(), format!("give a number from {least} to {most} {unit}"));
             }
         }
         if !self.width.is_multiple_of(self.heads) {
             let remedy = format!("choose a divisor of goal.width, which is {}", self.width);
-            return wrong("heads", self.heads.to_string(), &remedy);
-        }
-        if !(0. ..1.).contains(&self.dropout) {
-            return wrong("dropout", self.dropout.to_string(), "set it to 0 or more and below 1");
+            return wrong("heads", self.heads.to_string(), remedy);
         }
         Ok(())
     }
