@@ -80,7 +80,7 @@ impl Bootstrap {
     /// Every number: key, least, most, unit.
     pub const RANGES: [(&'static str, f64, f64, &'static str); 2] = [
         // A 95 % interval needs 40; 1000 are usual, and beyond 10,000 its ends no longer move. All are in memory.
-        ("resamples", 40., 1e6, "(a 95 % interval needs at least 40, 1000 are usual)"),
+        ("resamples", 40., 1e5, "(a 95 % interval needs at least 40, 1000 are usual)"),
         // The largest number of TOML; other seeds come from sums and can be used.
         ("seed", 0., i64::MAX as f64, ""),
     ];

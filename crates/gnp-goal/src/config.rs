@@ -96,6 +96,24 @@ impl GoalConfig {
         }
         Ok(())
     }
+
+    /// Number of weights of a network for data of `shape`, which need not be built for it.
+    #[must_use]
+    pub fn weights(&self, shape: &GoalShape) -> u64 {
+        let [width, layers, slots] = [self.width, self.layers, shape.slots].map(|size| size as u64);
+        let map = |inputs: usize, outputs: u64| (inputs as u64 + 1) * outputs;
+        let inputs = map(2 * shape.t_pred, width) + map(shape.observed, width) + map(shape.neighbour, width);
+        let heads = map(self.width, 1) + map(self.width, 2 * shape.t_pred as u64);
+        let learned = u64::from(self.null_token) * width + u64::from(self.slot_embedding) * slots * width;
+        inputs + (layers + 1) * self.layer_weights() + heads + learned
+    }
+
+    /// Number of weights of one layer: attention, two norms, feed-forward.
+    #[must_use]
+    pub fn layer_weights(&self) -> u64 {
+        let (width, hidden) = (self.width as u64, (self.feed_forward * self.width) as u64);
+        4 * (width + 1) * width + 4 * width + (width + 1) * hidden + (hidden + 1) * width
+    }
 }
 
 impl GoalShape {
@@ -121,9 +139,8 @@ impl GoalShape {
 mod tests {
     use super::*;
 
-    #[test]
-    fn every_setting_out_of_range_is_named() {
-        let good = GoalConfig {
+    fn good() -> GoalConfig {
+        GoalConfig {
             width: 12,
             heads: 3,
             layers: 0,
@@ -134,13 +151,30 @@ mod tests {
             null_token: false,
             slot_embedding: false,
             zero_start: false,
-        };
+        }
+    }
+
+    #[test]
+    fn weights_are_counted_without_being_made() {
+        let shape = GoalShape { observed: 17, neighbour: 9, slots: 5, t_pred: 7 };
+        for config in [good(), GoalConfig { layers: 3, null_token: true, slot_embedding: true, ..good() }] {
+            let weights = gnp_nn::Weights::seeded(1, &candle_core::Device::Cpu);
+            crate::GoalNet::new(&config, shape, weights.builder()).unwrap();
+            assert_eq!(config.weights(&shape), weights.count() as u64);
+        }
+    }
+
+    #[test]
+    fn every_setting_out_of_range_is_named() {
+        let good = good();
         assert!(good.check().is_ok());
         for (bad, key) in [
             (GoalConfig { width: 0, ..good.clone() }, "goal.width"),
             (GoalConfig { heads: 0, ..good.clone() }, "goal.heads"),
             (GoalConfig { heads: 5, ..good.clone() }, "goal.heads"),
             (GoalConfig { feed_forward: 0, ..good.clone() }, "goal.feed_forward"),
+            (GoalConfig { width: 4_096_000, ..good.clone() }, "goal.width"),
+            (GoalConfig { layers: 100_000_000, ..good.clone() }, "goal.layers"),
             (GoalConfig { dropout: 1., ..good.clone() }, "goal.dropout"),
             (GoalConfig { dropout: -0.1, ..good.clone() }, "goal.dropout"),
             (GoalConfig { dropout: f32::NAN, ..good.clone() }, "goal.dropout"),

@@ -3,6 +3,7 @@
 use gnp_force::Integrator;
 use serde::{Deserialize, Serialize};
 
+use crate::weights::Count;
 use crate::{TermConfig, TrajError};
 
 /// Sizes and physics of the neural social force; the published values are [`TrajConfig::published`].
@@ -103,6 +104,12 @@ impl TrajConfig {
     /// Most layers of an encoder or a decoder.
     pub const MOST_LAYERS: usize = 32;
 
+    /// Number of weights of both networks, which need not be built for it.
+    #[must_use]
+    pub fn weights(&self) -> u64 {
+        Count::of(self)
+    }
+
     /// Checks every value.
     ///
     /// # Errors
@@ -164,6 +171,9 @@ mod tests {
         };
         assert!(TrajConfig::published().check().is_ok());
         assert_eq!(refused(|c| c.hidden = 0), "hidden");
+        assert_eq!(refused(|c| c.hidden = 1_000_000), "hidden");
+        assert_eq!(refused(|c| c.encoder = vec![100_000_000_000]), "encoder");
+        assert_eq!(refused(|c| c.encoder = vec![1; 33]), "encoder");
         assert_eq!(refused(|c| c.encoder.clear()), "encoder");
         assert_eq!(refused(|c| c.decoder[1] = 0), "decoder");
         assert_eq!(refused(|c| c.r_col = 0.), "r_col");

@@ -40,6 +40,7 @@ mod explain;
 mod figures;
 mod machine;
 pub mod memory;
+mod needs;
 mod progress;
 mod realism;
 mod report;
