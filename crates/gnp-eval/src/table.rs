@@ -146,7 +146,8 @@ fn beside(head: &[String], rows: &[Vec<String>], band: &Range<usize>) -> comfy_t
         column.set_padding((0, 0)); // the empty rule between columns parts them
         if column.index > 0 {
             // Only names wrap.
-            column.set_cell_alignment(CellAlignment::Right).set_constraint(ColumnConstraint::ContentWidth);
+            column.set_cell_alignment(CellAlignment::Right);
+            column.set_constraint(ColumnConstraint::ContentWidth);
         }
     }
     table

@@ -57,35 +57,38 @@ pub(super) fn check(table: &Table) -> Result<()> {
         for (key, least, most, unit) in ranges {
             let path: Vec<&str> = section.split('.').filter(|part| !part.is_empty()).chain(key.split('.')).collect();
             let mut wrong = None;
-            let mut see = |number| {
+            let mut see = |name: &str, number| {
                 if wrong.is_none() && !(*least..=*most).contains(&number) {
-                    wrong = Some(number);
+                    wrong = Some((path.join(".").replace('*', name), number));
                 }
             };
             if let Some(value) = path.first().and_then(|first| table.get(*first)) {
-                numbers(value, &path[1..], &mut see);
+                numbers(value, &path[1..], "*", &mut see);
             }
-            if let Some(number) = wrong {
+            if let Some((key, number)) = wrong {
                 let remedy = format!("give a number from {least} to {most} {unit}");
-                bail!(Config, "{} = {number}: {}", path.join("."), remedy.trim_end());
+                bail!(Config, "{key} = {number}: {}", remedy.trim_end());
             }
         }
     }
     Ok(())
 }
 
-/// Calls `see` with every number at `path` below `value`, and with those of lists that stand on the way.
-fn numbers(value: &Value, path: &[&str], see: &mut impl FnMut(f64)) {
+/// Calls `see` with every number at `path` below `value`, and with those of lists that stand on the way; with each comes
+/// the key that `*` stood for, which is `name` so far.
+fn numbers(value: &Value, path: &[&str], name: &str, see: &mut impl FnMut(&str, f64)) {
     match (value, path) {
-        (Value::Array(values), _) => values.iter().for_each(|value| numbers(value, path, see)),
-        (Value::Table(table), ["*", rest @ ..]) => table.values().for_each(|value| numbers(value, rest, see)),
+        (Value::Array(values), _) => values.iter().for_each(|value| numbers(value, path, name, see)),
+        (Value::Table(table), ["*", rest @ ..]) => {
+            table.iter().for_each(|(name, value)| numbers(value, rest, name, see));
+        }
         (Value::Table(table), [first, rest @ ..]) => {
             if let Some(value) = table.get(*first) {
-                numbers(value, rest, see);
+                numbers(value, rest, name, see);
             }
         }
-        (Value::Integer(number), []) => see(*number as f64),
-        (Value::Float(number), []) => see(*number),
+        (Value::Integer(number), []) => see(name, *number as f64),
+        (Value::Float(number), []) => see(name, *number),
         _ => {}
     }
 }

@@ -214,3 +214,32 @@ impl OraclePredictor for WithFuture {
         self.0.predict(&seen, k)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use gnp_data::{Mode, WindowKey};
+    use gnp_eval::Prediction;
+
+    use super::*;
+    use crate::evaluation::tests::{recording, windows};
+
+    #[test]
+    fn predictions_for_vehicles_that_are_not_there_are_refused_by_name() {
+        let recordings = [recording("a")];
+        let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
+        let told = |vehicles: &[(&str, u32)]| {
+            let of = |(name, vehicle): &(&str, u32)| Prediction {
+                key: WindowKey { recording: (*name).to_owned(), vehicle: *vehicle, segment: 0, t0: 7 },
+                origin: None,
+                forecast: Forecast { modes: vec![Mode { probability: 1., path: vec![[1., 0.]], explanation: None }] },
+            };
+            known(&Predictions::new("theirs", vehicles.iter().map(of)), &set).map_err(|error| error.to_string())
+        };
+        // Another window of a vehicle that is there is counted elsewhere.
+        assert_eq!(told(&[("a", 1), ("a", 20)]), Ok(()));
+        let message = told(&[("a", 1), ("a", 21), ("b", 1), ("b", 2)]).unwrap_err();
+        assert!(message.contains("recordings: recording a, vehicle 21; recording b; leave"), "{message}");
+        let many: Vec<_> = (100..120).map(|vehicle| ("a", vehicle)).collect();
+        assert!(told(&many).unwrap_err().contains("; and 15 more;"));
+    }
+}
