@@ -288,7 +288,7 @@ fn asked_for(args: &CompareArgs, earlier: CompareRequest) -> Result<CompareReque
     }
     match &args.published {
         None => {}
-        Some(Some(path)) => asked.published = Some(RunConfig::read(path, &[])?),
+        Some(Some(path)) => asked.published = Some(RunConfig::named(path, &[])?),
         Some(None) => asked.published = Some(RunConfig::embedded(&format!("paper/{}", config.dataset), &[])?),
     }
     Ok(asked)
@@ -476,7 +476,11 @@ fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Result<Plan> 
 fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
     let stem = |path: &Path| path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
     let (config, name, shown) = match (&args.config, from, args.dataset) {
-        (Some(path), ..) => (RunConfig::read(path, &args.set)?, stem(path), path.display().to_string()),
+        (Some(path), ..) => {
+            // `paper/ngsim` is another run than `ngsim`.
+            let name = if path.is_file() { stem(path) } else { path.display().to_string().replace('/', "-") };
+            (RunConfig::named(path, &args.set)?, name, path.display().to_string())
+        }
         (None, Some(from), _) => {
             let path = from.join("config.toml");
             let name = format!("{}-tuned", stem(from));
@@ -486,7 +490,7 @@ fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
             let name = dataset.as_str();
             (RunConfig::embedded(name, &args.set)?, name.to_owned(), format!("configs/{name}.toml"))
         }
-        (None, None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config FILE"),
+        (None, None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config"),
     };
     if let Some(asked) = args.dataset
         && asked != config.dataset

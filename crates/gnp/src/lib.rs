@@ -41,6 +41,7 @@ mod figures;
 mod inside;
 mod machine;
 pub mod memory;
+mod needs;
 mod progress;
 mod realism;
 mod report;
