@@ -169,6 +169,33 @@ pub enum DataError {
         /// What to do.
         remedy: &'static str,
     },
+    /// Two columns of one name, of which only one can be meant.
+    #[error(
+        "{}, line 1: columns {first} and {second} are both named `{column}`; remove or rename the wrong one", file.display()
+    )]
+    DuplicateColumn {
+        /// The table.
+        file: PathBuf,
+        /// The name.
+        column: String,
+        /// Place of the first, the leftmost column being 1.
+        first: usize,
+        /// Place of the second.
+        second: usize,
+    },
+    /// A recording whose files say things that cannot both be true, of so much of it that nothing of it can be
+    /// believed.
+    #[error("{}, {place}: {what}; {remedy}", file.display())]
+    Contradiction {
+        /// The table.
+        file: PathBuf,
+        /// Line and column where it shows first, as far as they are known.
+        place: String,
+        /// What contradicts what, and how often.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// A recording sampled at another rate than the configuration expects.
     #[error(
         "{}: recording {recording} has {found_hz} frames per second, the configuration expects {expected_hz}; \

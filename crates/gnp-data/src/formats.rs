@@ -8,7 +8,11 @@ use crate::error::DataError;
 use crate::format::Format;
 
 #[cfg(feature = "readers")]
+mod findings;
+#[cfg(feature = "readers")]
 mod highd;
+#[cfg(feature = "readers")]
+mod motion;
 #[cfg(feature = "readers")]
 mod ngsim;
 #[cfg(feature = "readers")]

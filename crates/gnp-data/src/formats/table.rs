@@ -72,9 +72,19 @@ impl Table {
         Self { file: file.into(), columns: header.names, separator: header.separator, has_header: true }
     }
 
-    /// Place of the column that has one of these names; the first is the one to ask for.
-    pub(super) fn find(&self, names: &[&str]) -> Option<usize> {
-        self.columns.iter().position(|column| names.iter().any(|name| column.eq_ignore_ascii_case(name)))
+    /// The column that has one of these names, if there is one; two are one too many.
+    pub(super) fn find(&self, names: &[&str], kind: Kind) -> Result<Option<Wanted>, DataError> {
+        let named = |column: &str| names.iter().any(|name| column.eq_ignore_ascii_case(name));
+        let mut places = self.columns.iter().enumerate().filter(|(_, column)| named(column)).map(|(place, _)| place);
+        match (places.next(), places.next()) {
+            (Some(first), Some(second)) => Err(DataError::DuplicateColumn {
+                file: self.file.clone(),
+                column: self.columns[second].clone(),
+                first: first + 1,
+                second: second + 1,
+            }),
+            (first, _) => Ok(first.map(|index| Wanted { index, kind })),
+        }
     }
 
     /// A column that must be there.
@@ -84,7 +94,7 @@ impl Table {
             column: name.to_owned(),
             found: self.columns.join(", "),
         };
-        Ok(Wanted { index: self.find(&[name]).ok_or_else(missing)?, kind })
+        self.find(&[name], kind)?.ok_or_else(missing)
     }
 
     /// The wanted columns, in the order asked for.

@@ -4,6 +4,7 @@
 
 mod bad_input;
 mod cache;
+mod contradictions;
 mod copies;
 mod files;
 mod highd;

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use crate::error::{Context as _, Result, bail};
-use comfy_table::{CellAlignment, Table, TableComponent, presets};
+use comfy_table::{CellAlignment, ContentArrangement, Table, TableComponent, presets};
 use gnp_data::{
     Copies, DataError, Expectation, Fingerprint, IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, LeftOut,
     Recording, RecordingDrops, Taken, read,
@@ -16,10 +16,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
 use crate::data::source::Found;
+use crate::inside::inside;
 use crate::machine::Machine;
 use crate::memory;
 use crate::run::folder::{DataState, write, write_json};
-use crate::text::fitted;
+use crate::text::{COLUMNS, fitted};
 
 /// Folder of the kept recordings in a run folder.
 pub(crate) const RECORDINGS: &str = "recordings";
@@ -212,7 +213,7 @@ impl IngestSummary {
         for (done, kept) in self.recordings.iter().enumerate() {
             machine.stop.check()?;
             work.at(done as u64, "");
-            recordings.push(Recording::load(&folder.join(&kept.file))?);
+            recordings.push(Recording::load(&inside(folder, &kept.file)?)?);
         }
         Ok(recordings)
     }
@@ -220,9 +221,8 @@ impl IngestSummary {
     /// The table for people.
     #[must_use]
     pub fn text(&self) -> String {
-        let head =
-            ["recording", "site", "lanes", "rows", "vehicles", "duplicates", "gaps", "jumps", "overlaps", "flips"];
-        let mut quality = table(&head, 3);
+        let mut sizes = table(&["recording", "site", "lanes", "rows", "vehicles"], 3);
+        let mut quality = table(&["recording", "duplicates", "gaps", "jumps", "overlaps", "flips"], 1);
         let mut windows = table(&["recording", "windows", "at gap", "short", "at end"], 1);
         let mut total = [0u64; 11];
         for report in &self.recordings {
@@ -237,13 +237,15 @@ impl IngestSummary {
             for (sum, n) in total.iter_mut().zip(counts.iter().chain(&cut)) {
                 *sum += n;
             }
-            quality.add_row(row(&[&q.recording, &q.site, lanes], &counts));
+            sizes.add_row(row(&[&q.recording, &q.site, lanes], &counts[..2]));
+            quality.add_row(row(&[&q.recording], &counts[2..]));
             windows.add_row(row(&[&q.recording], &cut));
         }
-        quality.add_row(row(&["all", "", ""], &total[..7]));
+        sizes.add_row(row(&["all", "", ""], &total[..2]));
+        quality.add_row(row(&["all"], &total[2..7]));
         windows.add_row(row(&["all"], &total[7..]));
-        let mut text =
-            format!("Recordings: {}\n{}\n\n{}\n", self.data.description, quality.trim_fmt(), windows.trim_fmt());
+        let tables = [sizes, quality, windows].map(|table| table.trim_fmt() + "\n");
+        let mut text = format!("Recordings: {}\n{}", self.data.description, tables.join("\n"));
         text.push_str(&format!(
             "duplicates: rows that repeat or contradict an earlier one of vehicle and frame, left out. jumps: rows faster \
              than {JUMP_SPEED} m/s or with more than {JUMP_ACCELERATION} m/s² over half a second, kept. overlaps: pairs \
@@ -269,6 +271,8 @@ impl IngestSummary {
 fn table(head: &[&str], words: usize) -> Table {
     let mut table = Table::new();
     table.load_preset(presets::NOTHING);
+    // Long names of recordings are broken, so that the numbers stay beside them.
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(COLUMNS as u16);
     table.set_style(TableComponent::HeaderLines, '─').set_style(TableComponent::MiddleHeaderIntersections, '─');
     table.set_header(head);
     for (number, column) in table.column_iter_mut().enumerate() {
@@ -291,5 +295,24 @@ mod tests {
     #[test]
     fn names_become_file_names() {
         assert_eq!(plain("us-101 07:50/a.b"), "us-101_07_50_a.b");
+    }
+
+    /// A run may come from a stranger: what `ingest.json` names is read from the run folder or not at all.
+    #[test]
+    fn recordings_are_read_from_the_run_alone() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("run");
+        fs::create_dir(&folder).unwrap();
+        let machine = Machine::default();
+        let config = RunConfig::embedded("ngsim", &["data.max_recordings=1".parse().unwrap()]).unwrap();
+        let mut report = run(crate::data::source::find(&config, None).unwrap(), &config, &folder, &machine).unwrap();
+        assert_eq!(report.load(&folder, &machine).unwrap().len(), 1);
+        let outside = parent.path().join("outside.rec");
+        fs::rename(folder.join(&report.recordings[0].file), &outside).unwrap();
+        for name in ["../outside.rec", outside.to_str().unwrap()] {
+            report.recordings[0].file = name.to_owned();
+            let message = report.load(&folder, &machine).unwrap_err().to_string();
+            assert!(message.contains("is no name of something in this folder"), "{message}");
+        }
     }
 }

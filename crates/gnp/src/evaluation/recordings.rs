@@ -11,6 +11,7 @@ use serde::Serialize;
 use super::{Material, Scores, fitting, of_run};
 use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result};
+use crate::needs;
 use crate::run::Run;
 use crate::run::folder::{DataState, Draft, Stage, write_json};
 
@@ -77,6 +78,7 @@ pub fn score_recordings(run: &Run, data: &Path, out: &Path) -> Result<(Scores, P
     let found = source::find(&run.config, Some(data))?;
     run.result(&format!("Data: {}", found.data.description));
     let report = ingest::run(found, &run.config, draft.path(), &run.machine)?;
+    needs::check_with(&run.config, &report, &run.machine)?;
     let recordings = report.load(draft.path(), &run.machine)?;
     let (set, _) = WindowSet::cut(&recordings, &run.config.windows)?;
     let split = Split::all_test(&set);
