@@ -373,7 +373,7 @@ fn realism(args: &RealismArgs, program: &Program) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("realism-{}", args.dataset)));
     gnp::save_realism(&table, &out)?;
     // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
-    let _ = io::stdout().lock().write_all(gnp::realism_text(&table).as_bytes());
+    let _ = io::stdout().lock().write_all(program.named(&gnp::realism_text(&table)).as_bytes());
     machine.progress.note(&format!("all columns, with intervals, in realism.md, .csv and .json: {}", out.display()));
     Ok(())
 }
@@ -413,9 +413,10 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     } else {
         machine.progress.result(&explained.text());
     }
-    let key = &explained.key;
-    let of_its_own = || run.path().join("explain").join(format!("{}-{}-{}", key.recording, key.vehicle, key.t0));
-    let out = args.out.clone().unwrap_or_else(of_its_own);
+    let out = match &args.out {
+        Some(out) => out.clone(),
+        None => explained.folder(&run)?,
+    };
     explained.save_figures(&out)?;
     machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())

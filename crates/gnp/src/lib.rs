@@ -38,6 +38,7 @@ mod error;
 mod evaluation;
 mod explain;
 mod figures;
+mod inside;
 mod machine;
 pub mod memory;
 mod needs;

@@ -3,13 +3,13 @@ mod folds;
 mod sumo;
 
 use self::folds::Folds;
-use crate::data::embedded_folder;
+use crate::data::source::read_all;
 use crate::error::{Context as _, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::folder::{write, write_json};
 use crate::text::COLUMNS;
-use gnp_data::{Dataset, Expectation, Recording, discover, read};
+use gnp_data::{Dataset, Recording};
 use gnp_force::{Driver, Mobil};
 use gnp_simulation::SimulationError;
 use gnp_simulation::drivers::{FitConfig, fit_drivers, fit_lane_changes};
@@ -64,15 +64,10 @@ impl RealismPlan {
 /// When recordings cannot be read, a run cannot be used or was trained on another kind of recordings, or a vehicle was seen by
 /// all runs.
 pub fn realism(plan: &RealismPlan, machine: &Machine) -> Result<Table> {
-    let folder = plan.data.clone().map_or_else(|| embedded_folder(plan.dataset), Ok)?;
     let mut sites: BTreeMap<(String, bool), Vec<Recording>> = BTreeMap::new();
-    let expect = Expectation { dataset: plan.dataset, rate_hz: None };
-    for source in discover(&folder, plan.dataset)? {
-        machine.stop.check()?;
-        for (recording, _) in read(&source, &expect)? {
-            let site = (recording.meta().site.clone(), recording.meta().simulated);
-            sites.entry(site).or_default().push(recording);
-        }
+    for recording in read_all(plan.dataset, plan.data.as_deref(), machine)? {
+        let site = (recording.meta().site.clone(), recording.meta().simulated);
+        sites.entry(site).or_default().push(recording);
     }
     let runs = plan.runs.iter().map(|folder| Run::open(folder, machine)).collect::<Result<Vec<Run>>>()?;
     if let Some(run) = runs.iter().find(|run| run.config().dataset != plan.dataset) {
