@@ -70,8 +70,7 @@ impl Recording {
         file.write_all(&VERSION.to_le_bytes()).map_err(io)?;
         file.write_all(&Sha256::digest(&body)).map_err(io)?;
         file.write_all(&body).map_err(io)?;
-        file.persist(path).map_err(|e| io(e.error))?;
-        Ok(())
+        file.persist(path).map_err(io)
     }
 
     /// Reads a recording that [`Recording::save`] wrote.

@@ -71,8 +71,7 @@ impl Split {
         let mut out = std::io::BufWriter::new(gnp_file::beside(path).map_err(io)?);
         serde_json::to_writer(&mut out, &file).map_err(|e| io(e.into()))?;
         out.write_all(b"\n").map_err(io)?;
-        out.into_inner().map_err(|e| io(e.into_error()))?.persist(path).map_err(|e| io(e.error))?;
-        Ok(())
+        out.into_inner().map_err(|e| io(e.into_error()))?.persist(path).map_err(io)
     }
 
     /// Reads a split that [`Split::save`] wrote, for the same recordings, which may stand in another

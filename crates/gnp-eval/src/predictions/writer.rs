@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gnp_data::{Explanation, Forecast, WindowKey};
-use gnp_file::NamedTempFile;
+use gnp_file::Temporary;
 use gnp_force::TermDescriptor;
 use parquet::basic::Compression;
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, FloatType, Int32Type};
@@ -29,7 +29,7 @@ const GROUP_ROWS: usize = 1 << 16;
 /// forecast.
 pub struct PredictionWriter {
     path: PathBuf,
-    file: NamedTempFile,
+    file: Temporary,
     provenance: Provenance,
     /// Once the columns are settled.
     columns: Option<Columns>,
@@ -148,8 +148,7 @@ impl PredictionWriter {
         self.flush()?;
         let parquet = self.open()?;
         parquet.close().map_err(|source| EvalError::Parquet { path: self.path.clone(), source })?;
-        self.file.persist(&self.path).map_err(|error| EvalError::Io { path: self.path, source: error.error })?;
-        Ok(())
+        self.file.persist(&self.path).map_err(|source| EvalError::Io { path: self.path, source })
     }
 
     /// Chooses the columns; the rows so far explain nothing.
@@ -168,7 +167,8 @@ impl PredictionWriter {
         if let Some(parquet) = self.parquet.take() {
             return Ok(parquet);
         }
-        let handle = self.file.reopen().map_err(|source| EvalError::Io { path: self.path.clone(), source })?;
+        let file = self.file.as_file_mut().try_clone();
+        let handle = file.map_err(|source| EvalError::Io { path: self.path.clone(), source })?;
         let provenance = self.provenance.clone();
         let columns = self.settle(None);
         let properties = WriterProperties::builder()
