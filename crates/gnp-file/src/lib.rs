@@ -23,7 +23,7 @@ mod tensors;
 
 use std::path::{Path, PathBuf};
 
-pub use crate::json::{load_json, save_json};
+pub use crate::json::{json_line, load_json, parse_json, save_json};
 pub use crate::lock::{Lock, LockError, Owner};
 pub use crate::seal::{Seal, sha256};
 pub use crate::temporary::{Draft, Temporary, beside, copy, save, sweep, sweep_drafts};

@@ -12,7 +12,6 @@ const BUFFER: usize = 1 << 20;
 
 /// What a file held when it was whole.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Seal {
     /// Size in bytes.
     pub bytes: u64,
