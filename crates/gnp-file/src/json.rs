@@ -19,7 +19,7 @@ const DIGITS: usize = 64;
 /// When it is no JSON object or the file cannot be written.
 pub fn save_json(path: &Path, value: &impl Serialize) -> Result<(), FileError> {
     sealed(serde_json::to_string_pretty(value))
-        .and_then(|text| Ok(save(path, text.as_bytes())?))
+        .and_then(|text| save(path, text.as_bytes()))
         .map_err(|error| FileError::new(path, format!("cannot be written: {error}")))
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 /// Bytes read at once.
-const BUFFER: usize = 1 << 20;
+const BUFFER: usize = 1 << 16;
 
 /// What a file held when it was whole.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
