@@ -12,6 +12,7 @@ use gnp_model::Origin;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context as _, Error, Result, bail};
+use crate::inside::inside;
 use crate::run::manifest::{Damage, EVENTS, RunFile};
 
 /// Version of the layout of a run folder.
@@ -202,10 +203,13 @@ impl RunFolder {
         {
             bail!(Folder, "{} has layout {format}, this program has {FORMAT}; start a new run", path.display());
         }
-        match gnp_file::parse_json(&bytes) {
-            Ok(state) => Ok(Self { root: root.to_owned(), state }),
+        let state: RunState = match gnp_file::parse_json(&bytes) {
+            Ok(state) => state,
             Err(problem) => bail!(Folder, "{} {problem}; {REMEDY}", path.display()),
-        }
+        };
+        // Files by these names are removed, too.
+        state.files.keys().try_for_each(|name| inside(root, name).map(drop))?;
+        Ok(Self { root: root.to_owned(), state })
     }
 
     /// Opens a folder and looks what is damaged in it.
@@ -469,7 +473,14 @@ mod tests {
             assert!(message.contains(name) && message.contains("--resume"), "{message}");
             fs::write(&path, name).unwrap();
         }
-        // Under it stands all the rest.
+        // Whoever made the folder names nothing outside of it.
+        let mut elsewhere = run.state.clone();
+        elsewhere.files.insert("../mine.txt".to_owned(), run.state.files["goal.safetensors"].clone());
+        write_state(run.root(), &elsewhere).unwrap();
+        let message = RunFolder::open(run.root()).unwrap_err().to_string();
+        assert!(message.contains("../mine.txt"), "{message}");
+        run.write().unwrap();
+        // Under its checksum stands all the rest.
         let path = run.path(STATE);
         let text = fs::read_to_string(&path).unwrap();
         fs::write(&path, text.replace("\"seed\": 3", "\"seed\": 4")).unwrap();

@@ -9,6 +9,7 @@ use gnp_file::{Lock, LockError, Seal};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context as _, Result, bail};
+use crate::inside::inside;
 use crate::machine::Machine;
 
 /// How far a job is.
@@ -107,7 +108,7 @@ impl Job {
         };
         let mut damage = Vec::new();
         for (name, seal) in &note.files {
-            match seal.fits(&fold.join(name)) {
+            match inside(fold, name).map_err(std::io::Error::other).and_then(|path| seal.fits(&path)) {
                 Ok(true) => {}
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => damage.push(format!("{name} is missing")),
                 _ => damage.push(format!("{name} differs from what was written")),
@@ -124,7 +125,7 @@ impl Job {
     pub(super) fn discard(&self, fold: &Path) -> Result<()> {
         let Ok(note) = gnp_file::load_json::<Note>(&self.note(fold), "") else { return Ok(()) };
         for (name, seal) in &note.files {
-            let path = fold.join(name);
+            let path = inside(fold, name)?;
             if path.exists() && !seal.fits(&path).unwrap_or(false) {
                 fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
             }
