@@ -6,6 +6,7 @@ mod ci;
 mod cli;
 mod gallery;
 mod project;
+mod sbom;
 mod tidy;
 mod workspace;
 
@@ -42,6 +43,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Bench(args) => bench::run(args, &terminal(args.quiet)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
+        Command::Sbom => sbom::write(&project::root(), &terminal(false)),
         Command::Tidy => tidy::run(&project::root()),
     }
 }

@@ -24,7 +24,7 @@ Examples:
   gnp pipeline --dataset ngsim --out runs/short --set goal.epochs=3 --set modes.modes=40
   gnp pipeline --resume --out runs/short       go on after Ctrl-C or a power cut
   gnp pipeline --from runs/ngsim --data-dir D --out runs/d --set goal.learning_rate=2e-4   fine-tune on other recordings
-  gnp pipeline --config configs/paper/highd.toml --data-dir D --device cuda
+  gnp pipeline --config paper/highd --data-dir D --device cuda
 
 Exit code: 0 done, 1 error, 2 wrong use, 130 interrupted (a checkpoint is kept).")]
     Pipeline(PipelineArgs),
@@ -67,7 +67,7 @@ Examples:
 
 A file of predictions is in the Parquet schema of predictions.parquet and is scored beside constant
 velocity. With --run the windows are those that the run is evaluated on, without it all windows of the data. A file
-that lacks a window is refused.")]
+that lacks a window, or has vehicles that are not in the data, is refused.")]
     Evaluate(EvaluateArgs),
     /// Train what is missing and score every system on the same windows: the paper's Table 1, ours.
     #[command(alias = "table1")]
@@ -192,13 +192,14 @@ pub struct IngestArgs {
 /// Which data, which configuration, where to.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RunArgs {
-    /// Kind of data; picks configs/ngsim.toml or configs/highd.toml unless --config is given.
+    /// Kind of data; picks the configuration of that name unless --config is given.
     #[arg(long, value_parser = dataset, value_name = "NAME")]
     pub(crate) dataset: Option<Dataset>,
     /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
     #[arg(long, value_name = "DIR")]
     pub(crate) data_dir: Option<PathBuf>,
-    /// Configuration; every key must be written in it.
+    /// Configuration: a file, in which every key must be written, or the name of one that comes with the program, such as
+    /// ngsim or paper/highd.
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
     /// Run folder to write [default: runs/ and the name of the configuration].
@@ -390,7 +391,7 @@ pub struct MachineArgs {
     #[arg(long, value_enum, default_value_t = DeviceName::Cpu)]
     pub(crate) device: DeviceName,
     /// Number of threads [default: all cores]; results do not depend on it.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
     /// No progress, only warnings and tables.
     #[arg(long, short)]
@@ -487,6 +488,14 @@ mod tests {
             &["gnp", "goal"],
             &["gnp", "pipeline", "--dataset", "ngsim", "--set", "goal.epochs"],
             &["gnp", "pipeline", "--dataset", "ngsim", "--threads", "0"],
+            &["gnp", "pipeline", "--dataset", "ngsim", "--threads", "65535"],
+            &["gnp", "compare", "--dataset", "ngsim", "--seeds", "65535"],
+            &["gnp", "compare", "--dataset", "ngsim", "--workers", "65535"],
+            &["gnp", "realism", "--dataset", "ngsim", "--roll-outs", "65535"],
+            &["gnp", "simulate", "--dataset", "ngsim", "--seconds", "1e30"],
+            &["gnp", "simulate", "--dataset", "ngsim", "--at", "nan"],
+            &["gnp", "explain", "--run", "a", "--speed", "5=1e30"],
+            &["gnp", "explain", "--run", "a", "--goal", "1e30,0"],
             &["gnp", "evaluate"],
             &["gnp", "evaluate", "--run", "a", "--protocol", "av2"],
             &["gnp", "evaluate", "--run", "a", "--data-dir", "d", "--again"],

@@ -117,7 +117,7 @@ fn describe(args: &IngestArgs, program: &Program) -> Result<()> {
 
 fn train(args: &StageArgs, stage: Option<Stage>, from: Option<&Path>, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let mut run = Run::open(&args.run, &machine)?;
+    let mut run = Run::resume(&args.run, &machine)?;
     run.say_data();
     if args.again {
         run.forget(stage.unwrap_or(Stage::Modes))?;
@@ -140,7 +140,7 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
             if args.out.is_some() {
                 bail!("--out is for other recordings (--data-dir); scores on a run's own windows stay in its folder");
             }
-            let mut run = Run::open(folder, &machine)?;
+            let mut run = Run::resume(folder, &machine)?;
             run.say_data();
             if args.again {
                 run.forget(Stage::Evaluate)?;
@@ -288,7 +288,7 @@ fn asked_for(args: &CompareArgs, earlier: CompareRequest) -> Result<CompareReque
     }
     match &args.published {
         None => {}
-        Some(Some(path)) => asked.published = Some(RunConfig::read(path, &[])?),
+        Some(Some(path)) => asked.published = Some(RunConfig::named(path, &[])?),
         Some(None) => asked.published = Some(RunConfig::embedded(&format!("paper/{}", config.dataset), &[])?),
     }
     Ok(asked)
@@ -308,9 +308,9 @@ fn show_plan(table: &PreparedTable, json: bool) -> Result<()> {
 
 fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let run = Run::finished(&args.run, &machine)?;
+    let mut run = Run::finished(&args.run, &machine)?;
     let out = args.out.clone().unwrap_or_else(|| run.path().join("figures"));
-    let figures = gnp::draw_figures(&run, args.data_dir.as_deref(), &out)?;
+    let figures = gnp::draw_figures(&mut run, args.data_dir.as_deref(), &out)?;
     for figure in &figures {
         machine.progress.result(&format!("{}: {}", figure.name, figure.caption));
     }
@@ -373,7 +373,7 @@ fn realism(args: &RealismArgs, program: &Program) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("realism-{}", args.dataset)));
     gnp::save_realism(&table, &out)?;
     // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
-    let _ = io::stdout().lock().write_all(gnp::realism_text(&table).as_bytes());
+    let _ = io::stdout().lock().write_all(program.named(&gnp::realism_text(&table)).as_bytes());
     machine.progress.note(&format!("all columns, with intervals, in realism.md, .csv and .json: {}", out.display()));
     Ok(())
 }
@@ -413,9 +413,11 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     } else {
         machine.progress.result(&explained.text());
     }
-    let key = &explained.key;
-    let of_its_own = || run.path().join("explain").join(format!("{}-{}-{}", key.recording, key.vehicle, key.t0));
-    let out = args.out.clone().unwrap_or_else(of_its_own);
+    let out = match &args.out {
+        Some(out) => out.clone(),
+        None => explained.folder(&run)?,
+    };
+    let _alone = if out.starts_with(run.path()) { Some(run.lock()?) } else { None };
     explained.save_figures(&out)?;
     machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())
@@ -423,7 +425,7 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
 
 fn report(args: &ReportArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let (page, _) = gnp::write_report(&Run::finished(&args.run, &machine)?)?;
+    let (page, _) = gnp::write_report(&mut Run::finished(&args.run, &machine)?)?;
     machine.progress.result(&format!("report: {}", page.display()));
     Ok(())
 }
@@ -446,6 +448,17 @@ fn replay(args: &ReplayArgs, program: &Program) -> Result<()> {
 /// The run that the command line names.
 fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Result<Plan> {
     let out = |name: &str| args.out.clone().unwrap_or_else(|| program.run_folder(name));
+    // Where nothing says what a run would be started from, there is one or none.
+    if args.resume && args.config.is_none() && args.dataset.is_none() && from.is_none() {
+        match &args.out {
+            None => bail!("which run is to be resumed? give its folder: --out DIR"),
+            Some(out) if !Plan::resume(out).is_started()? => bail!(
+                "there is no run in {0} to resume; start one with --dataset NAME --out {0}, or give the folder of one",
+                out.display()
+            ),
+            Some(_) => {}
+        }
+    }
     // A run is resumed with its own configuration, unless the command line says more than where it is and what it is of.
     if args.resume && args.config.is_none() && args.set.is_empty() {
         let there: Option<PathBuf> = match (&args.out, args.dataset) {
@@ -475,7 +488,11 @@ fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Result<Plan> 
 fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
     let stem = |path: &Path| path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
     let (config, name, shown) = match (&args.config, from, args.dataset) {
-        (Some(path), ..) => (RunConfig::read(path, &args.set)?, stem(path), path.display().to_string()),
+        (Some(path), ..) => {
+            // `paper/ngsim` is another run than `ngsim`.
+            let name = if path.is_file() { stem(path) } else { path.display().to_string().replace('/', "-") };
+            (RunConfig::named(path, &args.set)?, name, path.display().to_string())
+        }
         (None, Some(from), _) => {
             let path = from.join("config.toml");
             let name = format!("{}-tuned", stem(from));
@@ -485,7 +502,7 @@ fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
             let name = dataset.as_str();
             (RunConfig::embedded(name, &args.set)?, name.to_owned(), format!("configs/{name}.toml"))
         }
-        (None, None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config FILE"),
+        (None, None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config"),
     };
     if let Some(asked) = args.dataset
         && asked != config.dataset

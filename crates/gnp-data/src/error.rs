@@ -28,6 +28,35 @@ pub enum DataError {
         /// What the decoder said.
         reason: String,
     },
+    /// A `.gz` out of which comes more than a recording could be packed to.
+    #[error(
+        "{}: more than {limit} bytes of text come out of a byte of gzip, which no recording does; take the original file, \
+         or unpack it", file.display()
+    )]
+    Inflated {
+        /// The file.
+        file: PathBuf,
+        /// Most bytes that a byte may stand for.
+        limit: u64,
+    },
+    /// A pipe, a socket or a device, which is not opened: reading it may never end.
+    #[error("{}: this is {what}, which is not opened; give a file or a folder", file.display())]
+    NotAFile {
+        /// The place.
+        file: PathBuf,
+        /// What it is, with its article.
+        what: &'static str,
+    },
+    /// A file of another kind.
+    #[error("{}: this is {what}; {remedy}", file.display())]
+    Foreign {
+        /// The file.
+        file: PathBuf,
+        /// What it is.
+        what: &'static str,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// A folder without anything to read.
     #[error("{}: no recordings found ({seen}); expected {expected}", folder.display())]
     NoRecordings {
@@ -213,7 +242,7 @@ pub enum DataError {
         /// The table.
         file: PathBuf,
     },
-    /// A table polars rejects and in which nothing wrong was found line by line.
+    /// A table that is none, at a line that the reason names.
     #[error("{}: the table cannot be read ({reason}); compare it with the original download", file.display())]
     Table {
         /// The table.

@@ -14,10 +14,12 @@
 mod account;
 mod assemble;
 mod cache;
+mod copies;
 mod dataset;
 mod discover;
 mod error;
 mod explanation;
+mod foreign;
 mod format;
 mod formats;
 mod ingest_report;
@@ -44,11 +46,12 @@ mod windows;
 
 pub use crate::account::Account;
 pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
+pub use crate::copies::{Copies, Fingerprint, LeftOut, Taken};
 pub use crate::dataset::{Dataset, DatasetNameError};
-pub use crate::discover::{FoundFile, FoundFiles, discover_with};
+pub use crate::discover::{Discovery, FoundFile, FoundFiles, NotRead, discover_with, search};
 pub use crate::error::DataError;
 pub use crate::explanation::{Cause, Contribution, Explanation, TermForces};
-pub use crate::format::{Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read};
+pub use crate::format::{Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read, survey};
 pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
 pub use crate::lanes::{LaneFit, fit_lanes};
 pub use crate::leader::{Leader, NAMED_LEADER_SIZE};

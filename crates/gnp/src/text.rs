@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// Longest line of text.
-pub const COLUMNS: usize = 100;
+pub const COLUMNS: usize = 80;
 
 /// Every line that is longer than [`COLUMNS`] broken between words, what follows indented; other lines as they are.
 #[must_use]
@@ -50,7 +50,7 @@ mod tests {
         let text = format!("short   line\n  name     {}", "word ".repeat(50));
         let broken = fitted(&text);
         let lines: Vec<&str> = broken.lines().collect();
-        assert!(lines.len() == 4 && lines.iter().all(|line| line.chars().count() <= COLUMNS), "{broken}");
+        assert!(lines.len() == 5 && lines.iter().all(|line| line.chars().count() <= COLUMNS), "{broken}");
         assert_eq!(lines[0], "short   line");
         assert!(lines[1].starts_with("  name     word") && lines[2].starts_with("    word"), "{broken}");
         assert_eq!(broken.split_whitespace().count(), 53);

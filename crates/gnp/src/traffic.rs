@@ -20,7 +20,9 @@ use serde_json::Value;
 use crate::config::RunConfig;
 use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
+use crate::inside::inside;
 use crate::machine::Machine;
+use crate::needs;
 use crate::run::folder::{write, write_json};
 
 /// Time steps of a cell are at least this, s, and cells at least this long, m: smaller ones hold single vehicles.
@@ -75,6 +77,7 @@ pub fn scene(of: &str) -> Result<Scene> {
 /// When the scene is refused, the folder cannot be written, or the work is stopped; what is finished by then stays.
 pub fn simulate(simulation: &Simulation, machine: &Machine) -> Result<Vec<Measured>> {
     let Simulation { scene, out, .. } = simulation;
+    needs::check_scene(scene)?;
     let seeds = if simulation.seeds.is_empty() { &scene.seeds } else { &simulation.seeds };
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let driven = Scene { seeds: seeds.clone(), ..scene.clone() };
@@ -181,7 +184,7 @@ pub fn measure(config: &RunConfig, data_dir: Option<&Path>, out: &Path, machine:
         let meta = recording.meta();
         work.at(done as u64, &meta.name);
         let source = Source { words: format!("{}, {}", meta.name, meta.site), simulated: meta.simulated };
-        let folder = out.join(&meta.name);
+        let folder = inside(out, &meta.name)?;
         clear(&folder)?;
         let traffic = Traffic::new(recording, Course::Open)?;
         all.push(measure_one(&traffic, Settings::default(), &source, &folder, "", None, machine)?);
@@ -258,6 +261,5 @@ fn to_file(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(
     fill(&mut writer)?;
     writer.flush().with_context(what)?;
     drop(writer);
-    file.persist(path).map_err(|error| Error::from(error.error)).with_context(what)?;
-    Ok(())
+    file.persist(path).with_context(what)
 }

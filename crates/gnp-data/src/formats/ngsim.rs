@@ -187,7 +187,11 @@ fn site_of(file: &Path) -> Option<String> {
 fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     let file = source.file()?;
     let table = Head::read(file)?.map(|head| recognise(file, &head)).transpose()?.flatten();
-    let table = table.ok_or_else(|| DataError::Empty { file: file.into() })?;
+    let table = table.ok_or_else(|| DataError::NoRecordings {
+        folder: file.into(),
+        expected: Ngsim.files().to_owned(),
+        seen: "a table or text of another kind".to_owned(),
+    })?;
     let merged = MERGED.iter().any(|column| table.columns.iter().any(|have| have.eq_ignore_ascii_case(column)));
     let raw = rows::read(&table)?;
     let (sites, mut skipped) = sites_of(&raw, source);

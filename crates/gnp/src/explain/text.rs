@@ -53,7 +53,7 @@ fn table(account: &Account, last: &str) -> String {
     let row = |name: &str, at: &dyn Fn(usize) -> [f32; 2]| {
         let numbers = steps.iter().map(|step| {
             let [x, y] = at(*step);
-            format!("{:>9}{:>8}", number(x), number(y))
+            format!("{:>8}{:>7}", number(x), number(y))
         });
         (name.to_owned(), numbers.collect::<String>())
     };
@@ -64,9 +64,9 @@ fn table(account: &Account, last: &str) -> String {
     let wide = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let times: String = steps
         .iter()
-        .map(|step| format!("{:>17}", format!("{} s", (*step as f64 * account.dt * 100.).round() / 100.)))
+        .map(|step| format!("{:>15}", format!("{} s", (*step as f64 * account.dt * 100.).round() / 100.)))
         .collect();
-    let axes: String = steps.iter().map(|_| format!("{:>9}{:>8}", "along", "left")).collect();
+    let axes: String = steps.iter().map(|_| format!("{:>8}{:>7}", "along", "left")).collect();
     let head = [format!("{:wide$}{times}", "m after"), format!("{:wide$}{axes}", "")];
     let body = rows.into_iter().map(|(name, numbers)| format!("{name:wide$}{numbers}"));
     head.into_iter().chain(body).collect::<Vec<_>>().join("\n")
@@ -148,20 +148,14 @@ mod tests {
         let text = explained().text();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "us101-2, vehicle 12, frame 130");
-        assert_eq!(lines[3], "m after                        1 s              3 s              5 s");
-        assert_eq!(lines[5], "constant velocity    10.00    0.50    30.00    1.50    50.00    2.50");
-        assert_eq!(
-            lines[6],
-            "leader 34            \u{2212}0.50    0.00    \u{2212}4.50    0.00   \u{2212}12.50    0.00"
-        );
-        assert_eq!(
-            lines[8],
-            "sum of the causes    \u{2212}0.40    0.00    \u{2212}3.60    0.00   \u{2212}10.00    0.00"
-        );
-        assert_eq!(lines[9], "path                  9.60    0.50    26.40    1.50    40.00    2.50");
+        assert_eq!(lines[3], "m after                      1 s            3 s            5 s");
+        assert_eq!(lines[5], "constant velocity   10.00   0.50   30.00   1.50   50.00   2.50");
+        assert_eq!(lines[6], "leader 34           \u{2212}0.50   0.00   \u{2212}4.50   0.00  \u{2212}12.50   0.00");
+        assert_eq!(lines[8], "sum of the causes   \u{2212}0.40   0.00   \u{2212}3.60   0.00  \u{2212}10.00   0.00");
+        assert_eq!(lines[9], "path                 9.60   0.50   26.40   1.50   40.00   2.50");
         assert!(text.contains("\nWith vehicle 34 at 12 m/s:\nIn 5 s vehicle 12 gets 5.0 m less far than"), "{text}");
         assert!(text.contains("With vehicle 34 at 12 m/s, vehicle 12 gets 5.0 m farther in 5 s: leader 34 +5.0 m."));
-        assert!(lines.last().unwrap().starts_with("difference            0.20"), "{text}");
+        assert!(lines.last().unwrap().starts_with("difference           0.20"), "{text}");
     }
 
     #[test]
