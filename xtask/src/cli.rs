@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use gnp_cli::MachineArgs;
 
+use crate::torture::TortureArgs;
+
 /// GNP: goal-based neural physics for predicting vehicles on motorways.
 ///
 /// Recordings go in (NGSIM or highD, as they are downloaded); a trained model, its intention modes,
@@ -54,6 +56,15 @@ Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     },
     /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
     Features,
+    /// Kill runs, fill their disk, damage their files, let two at one folder; go on, and compare with an undisturbed run byte for byte.
+    #[command(after_help = "\
+Examples:
+  cargo xtask torture                           each trouble once, as in `cargo xtask ci`
+  cargo xtask torture --rounds 100
+  cargo xtask torture --trouble kill --stage goal --rounds 20
+
+A round that fails prints its seed and keeps its folder. Exit code: 0 all rounds passed, 1 one failed, 2 wrong use.")]
+    Torture(TortureArgs),
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
     Tidy,
 }

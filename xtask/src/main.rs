@@ -4,9 +4,12 @@
 mod bench;
 mod ci;
 mod cli;
+mod contents;
 mod gallery;
+mod process;
 mod project;
 mod tidy;
+mod torture;
 mod workspace;
 
 use std::process::ExitCode;
@@ -42,6 +45,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Bench(args) => bench::run(args, &terminal(args.quiet)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
+        Command::Torture(args) => torture::run(args, &terminal(args.quiet)),
         Command::Tidy => tidy::run(&project::root()),
     }
 }
