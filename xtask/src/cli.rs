@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use gnp_cli::MachineArgs;
 
+use crate::determinism::DeterminismArgs;
 use crate::torture::TortureArgs;
 
 /// GNP: goal-based neural physics for predicting vehicles on motorways.
@@ -65,6 +66,12 @@ Examples:
 
 A round that fails prints its seed and keeps its folder. Exit code: 0 all rounds passed, 1 one failed, 2 wrong use.")]
     Torture(TortureArgs),
+    /// One run on 1, 2, 3 and 8 threads and on emulated processors with fewer instruction sets: which files are the same bytes.
+    #[command(after_help = "\
+Other processors need QEMU's user mode, package qemu-user; without it they are skipped.
+
+Exit code: 0 what is promised holds, 1 it does not, 2 wrong use.")]
+    Determinism(DeterminismArgs),
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
     Tidy,
 }

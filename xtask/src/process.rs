@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, bail};
 
-/// What may run in a round runs for a few seconds: who takes longer hangs.
-const PATIENCE: Duration = Duration::from_secs(120);
+/// What is started runs for seconds, in an emulator for tens of them: what takes longer hangs.
+const PATIENCE: Duration = Duration::from_secs(300);
 /// How often a process is looked at.
 pub(crate) const PERIOD: Duration = Duration::from_millis(1);
 
