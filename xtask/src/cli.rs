@@ -49,7 +49,7 @@ Examples:
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
-    /// Run the project's checks: format, tidy, clippy, docs, features, packages, ratios of times, tests.
+    /// Run the project's checks: format, tidy, clippy, docs, features, packages, ratios of times, determinism, crashes, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]

@@ -158,8 +158,8 @@ mod tests {
 
     #[test]
     fn times_are_set_aside_and_nothing_else() {
-        let run = |seconds, seed| format!(r#"{{"seed": {seed}, "finished": {{"goal": {seconds}}}}}"#);
-        let report = |time, rmse| format!("<dt>time of all stages</dt><dd>{time} s</dd><b>{rmse}</b>");
+        let run = |seconds: &str, seed: &str| format!(r#"{{"seed": {seed}, "finished": {{"goal": {seconds}}}}}"#);
+        let report = |time: &str, rmse: &str| format!("<dt>time of all stages</dt><dd>{time} s</dd><b>{rmse}</b>");
         let all = |seconds: &str, seed: &str, rmse: &str| {
             contents(&[
                 ("gnp/run.json", &run(seconds, seed)),

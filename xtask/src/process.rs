@@ -271,7 +271,8 @@ impl fmt::Display for Ended {
     }
 }
 
-#[cfg(all(test, unix))]
+#[cfg(unix)]
+#[cfg(test)]
 mod tests {
     use super::*;
 

@@ -30,7 +30,7 @@ use crate::process::Starter;
 #[derive(Clone, Debug, Args)]
 pub(crate) struct TortureArgs {
     /// Rounds, each with one trouble; the troubles take turns.
-    #[arg(long, value_name = "N", default_value_t = 9)]
+    #[arg(long, value_name = "N", default_value_t = ONCE)]
     pub(crate) rounds: u64,
     /// Seed of the first round; the next one has the next seed.
     #[arg(long, value_name = "NUMBER", default_value_t = 0)]
@@ -44,6 +44,17 @@ pub(crate) struct TortureArgs {
     /// No progress, only the table.
     #[arg(long, short)]
     pub(crate) quiet: bool,
+}
+
+/// Rounds in which every trouble has its turn.
+const ONCE: u64 = 9;
+
+/// Every trouble once.
+///
+/// # Errors
+/// When a round fails.
+pub(crate) fn once(terminal: &Terminal) -> Result<()> {
+    run(&TortureArgs { rounds: ONCE, seed: 0, trouble: Vec::new(), stage: None, quiet: false }, terminal)
 }
 
 fn stage(name: &str) -> Result<Stage, String> {
@@ -233,6 +244,7 @@ mod tests {
         let counts = (tally.rounds, tally.tries, tally.resumed, tally.made_again, tally.refused);
         assert_eq!(counts, (2, 6, 1, 1, 2));
         assert_eq!((tally.skipped, tally.failed), (1, 1));
+        assert_eq!(Trouble::value_variants().len() as u64, ONCE);
         assert!(stage("goal").is_ok() && stage("gaol").unwrap_err().contains("evaluate"));
     }
 }

@@ -54,7 +54,11 @@ impl History {
         Ok(self)
     }
 
-    fn look(&mut self) -> Result<()> {
+    /// Notes what is new.
+    ///
+    /// # Errors
+    /// When the folder cannot be listed.
+    pub(super) fn look(&mut self) -> Result<()> {
         if !self.folder.exists() {
             return Ok(());
         }

@@ -99,3 +99,37 @@ pub(super) fn file<'a>(chance: &mut ChaCha8Rng, paths: &'a [String]) -> Option<&
     let files: Vec<&String> = paths.iter().filter(|path| !crate::contents::in_events(path)).collect();
     files.choose(chance).copied()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use rand_chacha::rand_core::SeedableRng as _;
+
+    use super::*;
+    use crate::contents::Contents;
+
+    #[test]
+    fn what_is_torn_was_written_while_it_was_watched() {
+        let place = tempfile::tempdir().unwrap();
+        let mut torn = BTreeSet::new();
+        for seed in 0..40 {
+            let folder = place.path().join(format!("run-{seed}"));
+            fs::create_dir(&folder).unwrap();
+            gnp_file::save(&folder.join("before"), b"before").unwrap();
+            let mut history = History::begin(&folder, &place.path().join(format!("versions-{seed}"))).unwrap();
+            for name in ["a", "b"] {
+                gnp_file::save(&folder.join(name), &[1; 3 * BLOCK]).unwrap();
+                history.look().unwrap();
+            }
+            let whole = Contents::read(&folder).unwrap();
+            let said = tear(&mut ChaCha8Rng::seed_from_u64(seed), &folder, &history).unwrap();
+            let differences = whole.differences(&Contents::read(&folder).unwrap());
+            assert_eq!(said.is_some(), !differences.is_empty(), "{said:?}: {differences:?}");
+            assert!(!differences.iter().any(|one| one.starts_with("before")), "{differences:?}");
+            torn.extend(differences);
+        }
+        // Each is cut off or zeroed in one of the rounds, and lost in another.
+        assert_eq!(torn.into_iter().collect::<Vec<_>>(), ["a differs", "a is missing", "b differs", "b is missing"]);
+    }
+}
