@@ -10,7 +10,7 @@ use serde_json::Value;
 /// What is set aside, for the reader of a report. Everything else is compared byte for byte.
 pub(crate) const SET_ASIDE: &str = "Set aside: in run.json the seconds of each stage; in ingest.json `seconds`, `rows_per_second` and \
      `peak_memory_bytes`; in jobs/*.json `seconds`; in report.html the time of all stages; the files in events/, which have wall times; \
-     what is in lock files; in eval.json where the run lies.";
+     the checksums of these files; what is in lock files; in eval.json where the run lies.";
 
 /// Keys of JSON whose values are times, or sizes of the process.
 const TIMES: [&str; 3] = ["seconds", "rows_per_second", "peak_memory_bytes"];
@@ -88,29 +88,43 @@ pub(crate) fn in_events(path: &str) -> bool {
 }
 
 fn without_times(path: &str, bytes: Vec<u8>) -> Vec<u8> {
-    let name = path.rsplit('/').next().unwrap_or(path);
-    let in_jobs = path.split('/').rev().nth(1) == Some("jobs");
-    if name.ends_with(".lock") {
+    if path.ends_with(".lock") {
         return Vec::new();
     }
-    if name == "report.html" {
+    if !has_times(path) {
+        return bytes;
+    }
+    if path.ends_with(".html") {
         return match String::from_utf8(bytes) {
             Ok(text) => without_time_of_stages(&text).into_bytes(),
             Err(damaged) => damaged.into_bytes(),
         };
     }
-    if !in_jobs && !["run.json", "ingest.json", "eval.json"].contains(&name) {
-        return bytes;
-    }
     let Ok(mut value) = serde_json::from_slice::<Value>(&bytes) else { return bytes };
     remove_times(&mut value);
-    if let (Value::Object(map), "eval.json") = (&mut value, name) {
-        map.remove("run");
-    }
-    if let Some(Value::Object(stages)) = value.get_mut("finished") {
-        stages.values_mut().filter(|seconds| seconds.is_number()).for_each(|seconds| *seconds = Value::Null);
+    if let Value::Object(map) = &mut value {
+        // Of the whole object, times and all.
+        map.remove("sha256");
+        if path.ends_with("eval.json") {
+            map.remove("run");
+        }
+        if let Some(Value::Object(stages)) = map.get_mut("finished") {
+            stages.values_mut().for_each(|seconds| *seconds = Value::Null);
+        }
+        if let Some(Value::Object(files)) = map.get_mut("files") {
+            files.retain(|name, _| !in_events(name));
+            files.iter_mut().filter(|(name, _)| has_times(name)).for_each(|(_, seal)| *seal = Value::Null);
+        }
     }
     value.to_string().into_bytes()
+}
+
+/// Whether there are times in it.
+fn has_times(path: &str) -> bool {
+    let mut names = path.rsplit('/');
+    let name = names.next().unwrap_or(path);
+    let in_jobs = names.next() == Some("jobs") && name.ends_with(".json");
+    in_jobs || ["run.json", "ingest.json", "eval.json", "report.html"].contains(&name)
 }
 
 fn remove_times(value: &mut Value) {
@@ -158,7 +172,10 @@ mod tests {
 
     #[test]
     fn times_are_set_aside_and_nothing_else() {
-        let run = |seconds: &str, seed: &str| format!(r#"{{"seed": {seed}, "finished": {{"goal": {seconds}}}}}"#);
+        let run = |seconds: &str, seed: &str| {
+            let files = format!(r#"{{"events/{seconds}": 0, "ingest.json": {seconds}, "split.json": {seed}}}"#);
+            format!(r#"{{"sha256": "{seconds}", "seed": 0, "finished": {{"goal": {seconds}}}, "files": {files}}}"#)
+        };
         let report = |time: &str, rmse: &str| format!("<dt>time of all stages</dt><dd>{time} s</dd><b>{rmse}</b>");
         let all = |seconds: &str, seed: &str, rmse: &str| {
             contents(&[
