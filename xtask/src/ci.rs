@@ -2,6 +2,7 @@
 
 mod dependant;
 pub(crate) mod features;
+mod supply;
 
 use std::path::Path;
 use std::time::Instant;
@@ -98,14 +99,16 @@ const RERUN: [Step<'_>; 3] = [
 /// Last, and nothing is printed after it: the output ends with the test harness's own lines.
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
-/// Runs format, tidy, clippy, doc, crates alone with their features, a dependant on stable Rust, packages, the ratios of
-/// `bench --check --quick`, the same bytes on other numbers of threads, a round of each trouble, with `rerun` what needs that feature, and test; stops at the first that fails.
+/// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
+/// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once,
+/// with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
 pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     step(root, terminal, &FORMAT)?;
     within(terminal, "tidy", "", || tidy::run(root))?;
+    supply::run(root, terminal)?;
     COMPILED.iter().try_for_each(|one| step(root, terminal, one))?;
     features::run(root, features::Extent::Short, terminal)?;
     dependant::run(root, terminal)?;

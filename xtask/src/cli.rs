@@ -49,7 +49,7 @@ Examples:
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
-    /// Run the project's checks: format, tidy, clippy, docs, features, packages, ratios of times, determinism, crashes, tests.
+    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, determinism, crashes, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]
@@ -72,7 +72,9 @@ Other processors need QEMU's user mode, package qemu-user; without it they are s
 
 Exit code: 0 what is promised holds, 1 it does not, 2 wrong use.")]
     Determinism(DeterminismArgs),
-    /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
+    /// Write the bill of materials anew, docs/sbom.cdx.json, from Cargo.lock and what cargo knows of each package.
+    Sbom,
+    /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers, bill of materials.
     Tidy,
 }
 

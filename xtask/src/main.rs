@@ -9,6 +9,7 @@ mod determinism;
 mod gallery;
 mod process;
 mod project;
+mod sbom;
 mod tidy;
 mod torture;
 mod workspace;
@@ -48,6 +49,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
         Command::Determinism(args) => determinism::run(*args, &terminal(args.quiet)),
         Command::Torture(args) => torture::run(args, &terminal(args.quiet)),
+        Command::Sbom => sbom::write(&project::root(), &terminal(false)),
         Command::Tidy => tidy::run(&project::root()),
     }
 }
