@@ -52,6 +52,12 @@ impl Contents {
         mine.chain(others.map(|path| format!("{path} is left over"))).collect()
     }
 
+    /// The same but some files.
+    pub(crate) fn without(&self, aside: &[&str]) -> Self {
+        let kept = self.0.iter().filter(|(path, _)| !aside.contains(&path.as_str()));
+        Self(kept.map(|(path, bytes)| (path.clone(), bytes.clone())).collect())
+    }
+
     /// The files.
     pub(crate) fn files(&self) -> &BTreeMap<String, Vec<u8>> {
         &self.0

@@ -149,7 +149,7 @@ struct Tally {
     rounds: usize,
     tries: usize,
     resumed: usize,
-    made_again: usize,
+    mended: usize,
     refused: usize,
     skipped: usize,
     failed: usize,
@@ -162,7 +162,7 @@ impl Tally {
             self.tries += 1;
             *match outcome {
                 Outcome::Resumed => &mut self.resumed,
-                Outcome::MadeAgain => &mut self.made_again,
+                Outcome::Mended => &mut self.mended,
                 Outcome::Refused => &mut self.refused,
                 Outcome::Skipped(_) => &mut self.skipped,
                 Outcome::Failed(_) => &mut self.failed,
@@ -219,10 +219,10 @@ pub(crate) fn run(args: &TortureArgs, terminal: &Terminal) -> Result<()> {
     let rows = troubles.iter().zip(&tallies).filter(|(_, tally)| tally.rounds > 0);
     let rows = rows.map(|(trouble, tally)| {
         let counts =
-            [tally.rounds, tally.tries, tally.resumed, tally.made_again, tally.refused, tally.skipped, tally.failed];
+            [tally.rounds, tally.tries, tally.resumed, tally.mended, tally.refused, tally.skipped, tally.failed];
         [trouble.words().to_owned()].into_iter().chain(counts.map(|n| n.to_string())).collect()
     });
-    let head = ["trouble", "rounds", "tries", "resumed", "made again", "refused", "skipped", "failed"];
+    let head = ["trouble", "rounds", "tries", "resumed", "mended", "refused", "skipped", "failed"];
     terminal.for_programs(&bench::table(head.map(str::to_owned).to_vec(), rows.collect()));
     terminal.note(&format!("torture: {} rounds in {}. {SET_ASIDE}", args.rounds, duration(begun.elapsed())));
     if failed.is_empty() {
@@ -240,8 +240,8 @@ mod tests {
     fn outcomes_are_counted_by_kind() {
         let mut tally = Tally::default();
         tally.add(&[Outcome::Resumed, Outcome::Refused, Outcome::Refused]);
-        tally.add(&[Outcome::Failed("x".to_owned()), Outcome::MadeAgain, Outcome::Skipped("y".to_owned())]);
-        let counts = (tally.rounds, tally.tries, tally.resumed, tally.made_again, tally.refused);
+        tally.add(&[Outcome::Failed("x".to_owned()), Outcome::Mended, Outcome::Skipped("y".to_owned())]);
+        let counts = (tally.rounds, tally.tries, tally.resumed, tally.mended, tally.refused);
         assert_eq!(counts, (2, 6, 1, 1, 2));
         assert_eq!((tally.skipped, tally.failed), (1, 1));
         assert_eq!(Trouble::value_variants().len() as u64, ONCE);

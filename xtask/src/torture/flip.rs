@@ -45,11 +45,5 @@ fn one(round: &mut Round<'_>, number: usize) -> Result<Outcome> {
         let parent = folder.parent().unwrap_or(&folder);
         return reading.of(job, &folder, parent, true).with_context(said);
     }
-    let ended = job.start(&folder)?.end()?;
-    if !ended.status.success() {
-        ended.refused(&[&folder.to_string_lossy()]).with_context(said)?;
-        return Ok(Outcome::Refused);
-    }
-    job.expect_same(&folder).with_context(|| format!("{}, and was believed", said()))?;
-    Ok(Outcome::MadeAgain)
+    Round::mend(job, &folder, Some(path)).with_context(said)
 }

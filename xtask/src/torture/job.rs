@@ -147,7 +147,15 @@ impl Job {
     /// # Errors
     /// Names what is not.
     pub(crate) fn expect_same(&self, folder: &Path) -> Result<()> {
-        let mut differences = self.contents.differences(&Contents::read(folder)?);
+        self.expect_same_but(folder, &[])
+    }
+
+    /// The same with files set aside.
+    ///
+    /// # Errors
+    /// As [`Job::expect_same`].
+    pub(crate) fn expect_same_but(&self, folder: &Path, aside: &[&str]) -> Result<()> {
+        let mut differences = self.contents.without(aside).differences(&Contents::read(folder)?.without(aside));
         let beside = folder.parent().map(fs::read_dir).transpose()?.into_iter().flatten();
         for entry in beside {
             let name = entry?.file_name();

@@ -20,8 +20,8 @@ use crate::process::Running;
 pub(super) enum Outcome {
     /// It went on and wrote what an undisturbed run writes.
     Resumed,
-    /// Damage was found, and what was damaged was made again, the same.
-    MadeAgain,
+    /// Damage was found, and what was damaged was made again, the same, or said to be needed no longer.
+    Mended,
     /// It was refused with a sentence.
     Refused,
     /// This machine cannot make such trouble.
@@ -72,6 +72,30 @@ impl<'a> Round<'a> {
             Ok(done.len() >= Stage::ALL.iter().take_while(|earlier| *earlier != stage).count())
         };
         Ok(running.wait_until(begun)? && running.sleep(moment)?)
+    }
+
+    /// Goes on with a damaged run, which does so or says why not. What it came to.
+    pub(super) fn mend(job: &Job, folder: &Path, damaged: Option<&str>) -> Result<Outcome> {
+        let ended = job.start(folder)?.end()?;
+        if !ended.status.success() {
+            ended.refused(&[&folder.to_string_lossy()])?;
+            return Ok(Outcome::Refused);
+        }
+        let Some(damaged) = damaged else {
+            job.expect_same(folder)?;
+            return Ok(Outcome::Resumed);
+        };
+        // May stay as it is, if that is said and nothing is made from it.
+        let unneeded = damaged.ends_with(".last.safetensors") || damaged == "rules.json";
+        let left = unneeded && ended.err.contains(damaged);
+        let aside: &[&str] = if left { &[damaged, "run.json"] } else { &[] };
+        job.expect_same_but(folder, aside).context("was believed")?;
+        if left {
+            Reading::Evaluate
+                .of(job, folder, folder.parent().unwrap_or(folder), false)
+                .context("was believed later")?;
+        }
+        Ok(Outcome::Mended)
     }
 
     /// Goes on to the end and compares.

@@ -10,7 +10,7 @@ use rand::seq::IndexedRandom as _;
 use rand_chacha::ChaCha8Rng;
 
 use super::history::History;
-use super::round::{Outcome, Round};
+use super::round::Round;
 use crate::process::Signal;
 
 /// How many of the last writes a power cut can reach.
@@ -38,20 +38,22 @@ pub(super) fn play(round: &mut Round<'_>) -> Result<()> {
         history
     })?;
     let damage = tear(&mut round.chance, &folder, &history)?;
-    let said = damage.clone().unwrap_or_else(|| "nothing torn".to_owned());
-    let ended = job.start(&folder)?.end()?;
-    if !ended.status.success() {
-        ended.refused(&[&folder.to_string_lossy()]).context(said)?;
-        round.outcomes.push(Outcome::Refused);
-        return Ok(());
-    }
-    job.expect_same(&folder).with_context(|| format!("{said}, and was believed"))?;
-    round.outcomes.push(if damage.is_some() { Outcome::MadeAgain } else { Outcome::Resumed });
+    let said = || damage.as_ref().map_or_else(|| "nothing torn".to_owned(), |damage| damage.said.clone());
+    let outcome = Round::mend(job, &folder, damage.as_ref().map(|damage| damage.path.as_str())).with_context(said)?;
+    round.outcomes.push(outcome);
     Ok(())
 }
 
+/// What was torn.
+#[derive(Clone, Debug)]
+struct Damage {
+    /// The file, or the first of those that are lost.
+    path: String,
+    said: String,
+}
+
 /// Tears what was written last; says what was done.
-fn tear(chance: &mut ChaCha8Rng, folder: &Path, history: &History) -> Result<Option<String>> {
+fn tear(chance: &mut ChaCha8Rng, folder: &Path, history: &History) -> Result<Option<Damage>> {
     let written = history.written();
     if written.is_empty() {
         return Ok(None);
@@ -76,20 +78,21 @@ fn tear(chance: &mut ChaCha8Rng, folder: &Path, history: &History) -> Result<Opt
             // Under the same name, but not through the file's other name in the history.
             fs::remove_file(&place).with_context(|| format!("cannot remove {}", place.display()))?;
             fs::write(&place, &bytes).with_context(|| format!("cannot write {}", place.display()))?;
-            Ok((bytes != before).then_some(done))
+            Ok((bytes != before).then_some(Damage { path, said: done }))
         }
         2 => {
             let first = chance.random_range(reach.clone());
             let lost: Vec<usize> = (first..reach.end).rev().collect();
             lost.iter().try_for_each(|index| history.lose(*index))?;
-            Ok(Some(format!("the last {} renames lost, from that of {} on", lost.len(), written[first].path)))
+            let path = written[first].path.clone();
+            Ok(Some(Damage { said: format!("the last {} renames lost, from that of {path} on", lost.len()), path }))
         }
         _ => {
             // The last version of a file, whatever was written after it.
             let of_path: Vec<usize> = reach.filter(|index| written[*index].path == path).collect();
             let Some(index) = of_path.last() else { return Ok(None) };
             history.lose(*index)?;
-            Ok(Some(format!("the rename of {path} lost, later ones kept")))
+            Ok(Some(Damage { said: format!("the rename of {path} lost, later ones kept"), path }))
         }
     }
 }
