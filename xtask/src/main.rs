@@ -4,10 +4,14 @@
 mod bench;
 mod ci;
 mod cli;
+mod contents;
+mod determinism;
 mod gallery;
+mod process;
 mod project;
 mod sbom;
 mod tidy;
+mod torture;
 mod workspace;
 
 use std::process::ExitCode;
@@ -43,6 +47,8 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Bench(args) => bench::run(args, &terminal(args.quiet)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
+        Command::Determinism(args) => determinism::run(*args, &terminal(args.quiet)),
+        Command::Torture(args) => torture::run(args, &terminal(args.quiet)),
         Command::Sbom => sbom::write(&project::root(), &terminal(false)),
         Command::Tidy => tidy::run(&project::root()),
     }
