@@ -4,6 +4,7 @@
 mod bench;
 mod ci;
 mod cli;
+mod fuzz;
 mod gallery;
 mod project;
 mod tidy;
@@ -40,6 +41,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Product(_) => Ok(()),
         Command::Gallery(args) => gallery::run(args, program),
         Command::Bench(args) => bench::run(args, &terminal(args.quiet)),
+        Command::Fuzz(args) => fuzz::run(args, &terminal(false)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
         Command::Tidy => tidy::run(&project::root()),
