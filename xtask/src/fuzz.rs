@@ -38,7 +38,7 @@ pub(crate) fn run(args: &FuzzArgs, terminal: &Terminal) -> Result<()> {
     let targets = chosen(&args.targets)?;
     match (&args.replay, &args.worker, &targets[..]) {
         (Some(file), _, [target]) => replay(target, file, terminal),
-        (_, Some(folder), [target]) => worker::run(target, folder, args),
+        (_, Some(folder), [target]) => worker::run(target, folder, args).map(|never| match never {}),
         (Some(_), ..) | (_, Some(_), _) => bail!("give one --target"),
         _ => all(&targets, args, terminal),
     }
@@ -77,7 +77,7 @@ struct Job {
 /// What a process has done, and what it found.
 struct Report {
     executions: u64,
-    failure: Option<Found>,
+    failures: Vec<Found>,
 }
 
 /// An input with which something goes wrong.
@@ -119,8 +119,10 @@ fn all(targets: &[&'static Target], args: &FuzzArgs, terminal: &Terminal) -> Res
                 report.executions,
                 report.executions as f64 / seconds
             ));
-            if let Some(found) = report.failure {
-                tell(job.target, &found, &kept, terminal)?;
+            for found in &report.failures {
+                tell(job.target, found, &kept, terminal)?;
+            }
+            if !report.failures.is_empty() {
                 failed.push(job.target.name);
             }
         }

@@ -11,6 +11,9 @@ use crate::{Finding, Scratch, Target};
 /// Tries of the search for a shorter input.
 const SHORTENING: usize = 2000;
 
+/// With so many different failures there is enough to do.
+const MOST_FAILURES: usize = 8;
+
 /// What the last panic said and where, of any thread.
 static PANIC: Mutex<Option<String>> = Mutex::new(None);
 
@@ -82,39 +85,50 @@ pub fn execute(target: &Target, scratch: &Scratch, input: &[u8]) -> Result<(), S
     }
 }
 
-/// Replays `corpus` and goes on until a limit is reached or something is wrong. Before each execution `before` is told how
-/// many there were and the input. The executions done.
-///
-/// # Errors
-/// The first failure, its input made shorter where that was simple.
+/// What came of many executions.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// How many there were.
+    pub executions: u64,
+    /// What went wrong: one input for each thing that did, made shorter where that was simple.
+    pub failures: Vec<Failure>,
+}
+
+/// Replays `corpus` and goes on with random inputs until a limit is reached. Before each execution `before` is told how many
+/// there were and the input.
 pub fn run(
     target: &Target,
     scratch: &Scratch,
     corpus: &[Vec<u8>],
     limits: &Limits,
     before: &mut dyn FnMut(u64, &[u8]),
-) -> Result<u64, Failure> {
+) -> Outcome {
     catch_panics();
     let started = Instant::now();
     let mut mutator = Mutator::new(limits.seed, corpus, target.words);
-    let mut done = 0;
+    let mut outcome = Outcome::default();
     let mut inputs = corpus.iter().cloned();
     loop {
         let input = match inputs.next() {
             Some(input) => input,
             None => {
                 let spent = limits.time.is_some_and(|time| started.elapsed() >= time);
-                if spent || limits.executions.is_some_and(|most| done >= most) {
-                    return Ok(done);
+                let enough = limits.executions.is_some_and(|most| outcome.executions >= most);
+                if spent || enough || outcome.failures.len() >= MOST_FAILURES {
+                    return outcome;
                 }
                 mutator.next()
             }
         };
+        let done = outcome.executions;
         before(done, &input);
-        if let Err(what) = execute(target, scratch, &input) {
-            return Err(minimise(target, scratch, Failure { input, what }, &mut |input| before(done, input)));
+        if let Err(what) = execute(target, scratch, &input)
+            && !outcome.failures.iter().any(|known| kind(&known.what) == kind(&what))
+        {
+            let failure = Failure { input, what };
+            outcome.failures.push(minimise(target, scratch, failure, &mut |input| before(done, input)));
         }
-        done += 1;
+        outcome.executions += 1;
     }
 }
 
@@ -168,10 +182,11 @@ mod tests {
         let limits = Limits { executions: Some(100_000), ..Limits::default() };
         let corpus = [b"the quick brown f".to_vec()];
         let mut seen = 0;
-        let failure = run(&PICKY, &scratch, &corpus, &limits, &mut |_, _| seen += 1).unwrap_err();
-        assert!(["x", "ab"].contains(&std::str::from_utf8(&failure.input).unwrap()), "{failure:?}");
-        assert!(failure.what.contains("an x") || failure.what == "believed: ab", "{failure:?}");
-        assert!(seen > 1);
+        let outcome = run(&PICKY, &scratch, &corpus, &limits, &mut |_, _| seen += 1);
+        let mut inputs: Vec<&[u8]> = outcome.failures.iter().map(|failure| &failure.input[..]).collect();
+        inputs.sort_unstable();
+        assert_eq!(inputs, [&b"ab"[..], b"x"], "one for each thing that goes wrong: {outcome:?}");
+        assert!(outcome.executions == 100_000 && seen > outcome.executions);
         let given = Failure { input: b"some text with an x in it".to_vec(), what: String::new() };
         let what = execute(&PICKY, &scratch, &given.input).unwrap_err();
         assert!(what.contains("engine.rs") && what.contains("an x"), "{what}");
@@ -183,6 +198,7 @@ mod tests {
         let scratch = Scratch::new().unwrap();
         let corpus = [b"1".to_vec(), b"2".to_vec()];
         let limits = Limits { executions: Some(1), ..Limits::default() };
-        assert_eq!(run(&PICKY, &scratch, &corpus, &limits, &mut |_, _| {}), Ok(2));
+        let outcome = run(&PICKY, &scratch, &corpus, &limits, &mut |_, _| {});
+        assert_eq!(outcome, Outcome { executions: 2, failures: Vec::new() });
     }
 }

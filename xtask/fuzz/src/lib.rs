@@ -19,7 +19,7 @@ mod scratch;
 mod table;
 mod targets;
 
-pub use crate::engine::{Failure, Limits, catch_panics, execute, minimise, run};
+pub use crate::engine::{Failure, Limits, Outcome, catch_panics, execute, minimise, run};
 pub use crate::finding::Finding;
 pub use crate::mutate::LONGEST_INPUT;
 pub use crate::scratch::Scratch;

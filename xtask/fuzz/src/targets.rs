@@ -29,7 +29,7 @@ pub const TARGETS: &[Target] = &[
 
 #[cfg(test)]
 mod tests {
-    use crate::{LONGEST_INPUT, Limits, Scratch, Target, run};
+    use crate::{Failure, LONGEST_INPUT, Limits, Scratch, Target, run};
 
     /// Random inputs of each target in a test run.
     const SOME: u64 = 400;
@@ -42,9 +42,10 @@ mod tests {
         assert!(!corpus.is_empty());
         assert!(corpus.iter().all(|input| input.len() <= LONGEST_INPUT));
         let limits = Limits { executions: Some(corpus.len() as u64 + SOME), ..Limits::default() };
-        if let Err(failure) = run(target, &scratch, &corpus, &limits, &mut |_, _| {}) {
-            panic!("{name}: {}\n{}", failure.what, failure.input.escape_ascii());
-        }
+        let outcome = run(target, &scratch, &corpus, &limits, &mut |_, _| {});
+        let shown = |failure: &Failure| format!("{}\n{}\n", failure.what, failure.input.escape_ascii());
+        let failures: String = outcome.failures.iter().map(shown).collect();
+        assert!(failures.is_empty(), "{failures}");
     }
 
     /// One test a target, so that they run side by side.

@@ -116,7 +116,7 @@ pub(super) fn report(job: &Job, status: ExitStatus) -> Result<Report> {
     let total = |line: &str| line.strip_prefix("stat::number_of_executed_units:")?.trim().parse().ok();
     let executions = log.lines().find_map(total).unwrap_or_else(|| counted(&log));
     if status.success() {
-        return Ok(Report { executions, failure: None });
+        return Ok(Report { executions, failures: Vec::new() });
     }
     let lines: Vec<&str> = log.lines().collect();
     let what = lines[lines.len().saturating_sub(LINES)..].join("\n");
@@ -129,7 +129,7 @@ pub(super) fn report(job: &Job, status: ExitStatus) -> Result<Report> {
             input = Some(std::fs::read(path)?);
         }
     }
-    Ok(Report { executions, failure: Some(Found { what, input }) })
+    Ok(Report { executions, failures: vec![Found { what, input }] })
 }
 
 #[cfg(test)]

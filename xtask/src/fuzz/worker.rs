@@ -1,5 +1,6 @@
 //! The process that tries inputs at random, watched by a thread of its own and by its parent.
 
+use std::convert::Infallible;
 use std::fs::File;
 use std::io::{Seek as _, Write as _};
 use std::path::Path;
@@ -14,10 +15,12 @@ use gnp_fuzz::{Limits, Scratch, Target};
 use super::{Found, Job, LONGEST_S, MOST_MB, Report, SECONDS, this_program};
 use crate::cli::FuzzArgs;
 
-/// Files by which the process tells its parent: the input that is being tried, behind its length; executions; what is wrong.
+/// Files by which the process tells its parent: the input that is being tried, behind its length; executions; and what is
+/// wrong: numbered with the inputs that show it, without a number where the process could not go on.
 const CURRENT: &str = "current";
 const DONE: &str = "done";
-const WHAT: &str = "what";
+const INPUT: &str = "input-";
+const WHAT: &str = "what-";
 
 /// How often the watching thread looks.
 const LOOK: Duration = Duration::from_millis(10);
@@ -37,31 +40,30 @@ pub(super) fn command(target: &Target, folder: &Path, args: &FuzzArgs) -> Result
     Ok(command)
 }
 
-/// Tries inputs until a limit or a failure, and leaves word of both in `folder`.
+/// Tries inputs until a limit, leaves word of what was found in `folder`, and ends the process.
 ///
 /// # Errors
 /// When the corpus or the files of the folder cannot be had.
-pub(super) fn run(target: &Target, folder: &Path, args: &FuzzArgs) -> Result<()> {
+pub(super) fn run(target: &Target, folder: &Path, args: &FuzzArgs) -> Result<Infallible> {
     let scratch = Scratch::within(folder)?;
     let corpus = target.corpus(&scratch)?;
     let current = File::create(folder.join(CURRENT)).context("cannot make a file")?;
     let time = args.seconds.map(Duration::from_secs);
     let limits = Limits { executions: args.executions, time, seed: args.seed };
     watch(folder.to_owned());
-    let found = gnp_fuzz::run(target, &scratch, &corpus, &limits, &mut |done, input| {
+    let outcome = gnp_fuzz::run(target, &scratch, &corpus, &limits, &mut |done, input| {
         // Not written: then the parent names the input before.
         let _ = put(&current, input);
         EXECUTIONS.store(done, Ordering::Relaxed);
         TRIES.fetch_add(1, Ordering::Relaxed);
     });
-    let done = *found.as_ref().unwrap_or(&EXECUTIONS.load(Ordering::Relaxed));
-    std::fs::write(folder.join(DONE), done.to_string())?;
-    if let Err(failure) = found {
-        put(&current, &failure.input)?;
-        std::fs::write(folder.join(WHAT), failure.what)?;
-        exit(1);
+    for (number, failure) in outcome.failures.iter().enumerate() {
+        std::fs::write(folder.join(format!("{INPUT}{number}")), &failure.input)?;
+        std::fs::write(folder.join(format!("{WHAT}{number}")), &failure.what)?;
     }
-    Ok(())
+    EXECUTIONS.store(outcome.executions, Ordering::Relaxed);
+    std::fs::write(folder.join(DONE), outcome.executions.to_string())?;
+    exit(i32::from(!outcome.failures.is_empty()));
 }
 
 /// Writes an input behind its length, at the beginning of the file.
@@ -120,18 +122,23 @@ pub(super) fn executions(job: &Job) -> u64 {
 /// When it ended by itself without a word of a failure.
 pub(super) fn report(job: &Job, status: ExitStatus) -> Result<Report> {
     let executions = executions(job);
-    if status.success() {
-        return Ok(Report { executions, failure: None });
+    let file = |name: &str| std::fs::read(job.folder.path().join(name)).ok();
+    let text = |name: &str| file(name).map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    let numbered =
+        (0..).map_while(|number| Some((text(&format!("{WHAT}{number}"))?, file(&format!("{INPUT}{number}")))));
+    let mut failures: Vec<Found> = numbered.map(|(what, input)| Found { what, input }).collect();
+    if !status.success() && failures.is_empty() {
+        let what = text(WHAT);
+        if what.is_none() && status.code().is_some() {
+            bail!("the process on {} failed ({status}); see its message above", job.target.name);
+        }
+        // A signal ends it without a word: the input is the one that was being tried.
+        let what = what.unwrap_or_else(|| format!("ends the process ({status})"));
+        let current = file(CURRENT).unwrap_or_default();
+        let input = current.split_first_chunk().and_then(|(length, rest)| {
+            rest.get(..usize::try_from(u64::from_le_bytes(*length)).ok()?).map(<[u8]>::to_vec)
+        });
+        failures.push(Found { what, input });
     }
-    let what = std::fs::read_to_string(job.folder.path().join(WHAT)).ok();
-    if what.is_none() && status.code().is_some() {
-        bail!("the process on {} failed ({status}); see its message above", job.target.name);
-    }
-    // A signal ends it without a word: the input is the one that was being tried.
-    let what = what.unwrap_or_else(|| format!("ends the process ({status})"));
-    let current = std::fs::read(job.folder.path().join(CURRENT)).unwrap_or_default();
-    let input = current
-        .split_first_chunk()
-        .and_then(|(length, rest)| rest.get(..usize::try_from(u64::from_le_bytes(*length)).ok()?).map(<[u8]>::to_vec));
-    Ok(Report { executions, failure: Some(Found { what, input }) })
+    Ok(Report { executions, failures })
 }
