@@ -27,6 +27,9 @@ const LONGEST_S: u64 = 10;
 /// Memory that a process may take, MB.
 const MOST_MB: u64 = 700;
 
+/// Characters that are shown of what is wrong; `--replay` shows all.
+const SHOWN: usize = 600;
+
 /// Where failures and libFuzzer's corpus are kept, below the workspace.
 const KEPT: &str = "runs/fuzz";
 
@@ -162,7 +165,8 @@ impl Job {
 
 /// Keeps the input and says how to see it again.
 fn tell(target: &Target, found: &Found, kept: &Path, terminal: &Terminal) -> Result<()> {
-    terminal.result(&format!("{}: {}", target.name, found.what));
+    let shown: String = found.what.chars().take(SHOWN).collect();
+    terminal.result(&format!("{}: {shown}", target.name));
     let Some(input) = &found.input else { return Ok(()) };
     let file = kept.join(file_name(target, input));
     gnp_file::save(&file, input).with_context(|| format!("cannot write {}", file.display()))?;

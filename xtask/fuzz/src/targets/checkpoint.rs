@@ -5,7 +5,7 @@ use std::path::Path;
 
 use arbitrary::{Arbitrary, Unstructured};
 use gnp_data::Predictor as _;
-use gnp_file::{Array, FileHeader, Values, load_arrays, save_arrays};
+use gnp_file::{Array, FileError, FileHeader, Values, load_arrays, save_arrays};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -84,9 +84,13 @@ fn run(scratch: &Scratch, input: &[u8]) -> Result<(), Finding> {
             (true, None) => {
                 let Ok(changes) = Changes::arbitrary(&mut Unstructured::new(rest)) else { return Ok(()) };
                 let made = scratch.made("changed.safetensors");
-                match which {
-                    0 => change::<OfModes>(file, &made, &changes, |it| &mut it.0)?,
-                    _ => change::<OfWeights>(file, &made, &changes, |it| &mut it.0)?,
+                let written = match which {
+                    0 => change::<OfModes>(file, &made, &changes, |it| &mut it.0),
+                    _ => change::<OfWeights>(file, &made, &changes, |it| &mut it.0),
+                };
+                // What the writer refuses cannot be in a file that is whole.
+                if let Err(error) = written {
+                    return checks::refusal(&error, ".safetensors");
                 }
                 std::fs::read(made)?
             }
@@ -113,14 +117,14 @@ fn change<H: FileHeader>(
     to: &Path,
     changes: &Changes,
     value: fn(&mut H) -> &mut Value,
-) -> Result<(), Finding> {
-    let (mut header, mut arrays) = load_arrays::<H>(from).map_err(Finding::case)?;
+) -> Result<(), FileError> {
+    let (mut header, mut arrays) = load_arrays::<H>(from)?;
     patch::apply(value(&mut header), &changes.header);
     for (which, change) in &changes.arrays {
         let Some(name) = arrays.keys().nth(usize::from(*which) % arrays.len().max(1)).cloned() else { break };
         apply(&mut arrays, name, change);
     }
-    save_arrays(to, &header, &arrays).map_err(Finding::case)
+    save_arrays(to, &header, &arrays)
 }
 
 fn apply(arrays: &mut BTreeMap<String, Array>, name: String, change: &Change) {
