@@ -2,6 +2,7 @@
 
 mod dependant;
 pub(crate) mod features;
+mod supply;
 
 use std::path::Path;
 use std::time::Instant;
@@ -107,8 +108,8 @@ const RERUN: [Step<'_>; 3] = [
 /// Last, and nothing is printed after it: the output ends with the test harness's own lines.
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
-/// Runs format, tidy, clippy, doc, crates alone with their features, a dependant on stable Rust, packages, the ratios of
-/// `bench --check --quick`, with `rerun` what needs that feature, and test; stops at the first that fails.
+/// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
+/// the ratios of `bench --check --quick`, with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
@@ -118,6 +119,7 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     terminal.note("ci: tidy");
     tidy::run(root)?;
     terminal.note(&format!("ci: tidy passed in {}", duration(started.elapsed())));
+    supply::run(root, terminal)?;
     COMPILED.iter().try_for_each(|one| step(root, terminal, one))?;
     features::run(root, features::Extent::Short, terminal)?;
     dependant::run(root, terminal)?;

@@ -56,7 +56,7 @@ Examples:
 
 Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something, 2 wrong use.")]
     Fuzz(FuzzArgs),
-    /// Run the project's checks: format, tidy, clippy, docs, features, packages, ratios of times, tests.
+    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]
@@ -64,7 +64,9 @@ Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something,
     },
     /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
     Features,
-    /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers.
+    /// Write the bill of materials anew, docs/sbom.cdx.json, from Cargo.lock and what cargo knows of each package.
+    Sbom,
+    /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers, bill of materials.
     Tidy,
 }
 

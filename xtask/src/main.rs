@@ -7,6 +7,7 @@ mod cli;
 mod fuzz;
 mod gallery;
 mod project;
+mod sbom;
 mod tidy;
 mod workspace;
 
@@ -44,6 +45,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Fuzz(args) => fuzz::run(args, &terminal(false)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
+        Command::Sbom => sbom::write(&project::root(), &terminal(false)),
         Command::Tidy => tidy::run(&project::root()),
     }
 }

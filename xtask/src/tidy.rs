@@ -1,15 +1,19 @@
 //! Rules of the project that the compiler does not know.
 //!
 //! The map in `docs/architecture.md` is true, gnp-force stands alone, every source file says what it
-//! is, stays readable in length and has a name that means something, and no file names somebody's
-//! machine.
+//! is, stays readable in length and has a name that means something, no file names somebody's machine,
+//! every crate obeys the lints of the workspace, which forbid `unsafe`, and the bill of materials lists
+//! what is locked.
 
 mod files;
+mod lints;
 mod map;
 
 use std::path::Path;
 
 use anyhow::{Result, bail};
+
+use crate::sbom;
 
 /// Checks everything and prints each finding.
 ///
@@ -32,6 +36,8 @@ pub(crate) fn run(root: &Path) -> Result<()> {
 fn findings(root: &Path) -> Result<Vec<String>> {
     let mut findings = map::check(root)?;
     findings.extend(files::check(root)?);
+    findings.extend(lints::check(root)?);
+    findings.extend(sbom::check(root)?);
     Ok(findings)
 }
 

@@ -6,6 +6,7 @@ use std::process::Command;
 
 use anyhow::{Context as _, Result, bail};
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
 /// What `cargo metadata --no-deps` tells, as far as it is needed here.
 #[derive(Debug, Deserialize)]
@@ -27,6 +28,9 @@ pub(crate) struct Package {
     /// Its features, each with what it switches on.
     #[serde(default)]
     pub(crate) features: BTreeMap<String, Vec<String>>,
+    /// Its `Cargo.toml`.
+    #[serde(default)]
+    pub(crate) manifest_path: PathBuf,
 }
 
 /// A dependency of a member.
@@ -38,13 +42,54 @@ pub(crate) struct Dependency {
     pub(crate) kind: Option<String>,
 }
 
-/// Asks cargo.
+/// What `Cargo.lock` tells.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Lock {
+    /// All packages that any feature on any platform can ask for.
+    pub(crate) package: Vec<Locked>,
+}
+
+/// A package of `Cargo.lock`.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Locked {
+    /// Its name.
+    pub(crate) name: String,
+    /// Its version.
+    #[serde(default)]
+    pub(crate) version: String,
+    /// SHA-256 of the archive it comes in; none for a member.
+    #[serde(default)]
+    pub(crate) checksum: Option<String>,
+    /// What it needs: names, or a name and a version where several are locked.
+    #[serde(default)]
+    pub(crate) dependencies: Vec<String>,
+}
+
+/// Reads `Cargo.lock`.
+///
+/// # Errors
+/// When it is missing or damaged.
+pub(crate) fn lock(root: &Path) -> Result<Lock> {
+    let text = std::fs::read_to_string(root.join("Cargo.lock")).context("cannot read Cargo.lock")?;
+    toml::from_str(&text).context("Cargo.lock")
+}
+
+/// Asks cargo for the members alone.
 ///
 /// # Errors
 /// When cargo cannot be started or the workspace does not load.
 pub(crate) fn read(root: &Path) -> Result<Workspace> {
+    metadata(root, &["--no-deps"])
+}
+
+/// Asks cargo, with further arguments.
+///
+/// # Errors
+/// When cargo cannot be started, the workspace does not load, or what cargo tells is not a `T`.
+pub(crate) fn metadata<T: DeserializeOwned>(root: &Path, arguments: &[&str]) -> Result<T> {
     let output = cargo()
-        .args(["metadata", "--no-deps", "--format-version", "1"])
+        .args(["metadata", "--format-version", "1"])
+        .args(arguments)
         .current_dir(root)
         .output()
         .context("cannot start cargo metadata")?;

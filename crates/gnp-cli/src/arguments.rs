@@ -24,7 +24,7 @@ Examples:
   gnp pipeline --dataset ngsim --out runs/short --set goal.epochs=3 --set modes.modes=40
   gnp pipeline --resume --out runs/short       go on after Ctrl-C or a power cut
   gnp pipeline --from runs/ngsim --data-dir D --out runs/d --set goal.learning_rate=2e-4   fine-tune on other recordings
-  gnp pipeline --config configs/paper/highd.toml --data-dir D --device cuda
+  gnp pipeline --config paper/highd --data-dir D --device cuda
 
 Exit code: 0 done, 1 error, 2 wrong use, 130 interrupted (a checkpoint is kept).")]
     Pipeline(PipelineArgs),
@@ -192,13 +192,14 @@ pub struct IngestArgs {
 /// Which data, which configuration, where to.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RunArgs {
-    /// Kind of data; picks configs/ngsim.toml or configs/highd.toml unless --config is given.
+    /// Kind of data; picks the configuration of that name unless --config is given.
     #[arg(long, value_parser = dataset, value_name = "NAME")]
     pub(crate) dataset: Option<Dataset>,
     /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
     #[arg(long, value_name = "DIR")]
     pub(crate) data_dir: Option<PathBuf>,
-    /// Configuration; every key must be written in it.
+    /// Configuration: a file, in which every key must be written, or the name of one that comes with the program, such as
+    /// ngsim or paper/highd.
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
     /// Run folder to write [default: runs/ and the name of the configuration].

@@ -288,7 +288,7 @@ fn asked_for(args: &CompareArgs, earlier: CompareRequest) -> Result<CompareReque
     }
     match &args.published {
         None => {}
-        Some(Some(path)) => asked.published = Some(RunConfig::read(path, &[])?),
+        Some(Some(path)) => asked.published = Some(RunConfig::named(path, &[])?),
         Some(None) => asked.published = Some(RunConfig::embedded(&format!("paper/{}", config.dataset), &[])?),
     }
     Ok(asked)
@@ -373,7 +373,7 @@ fn realism(args: &RealismArgs, program: &Program) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("realism-{}", args.dataset)));
     gnp::save_realism(&table, &out)?;
     // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
-    let _ = io::stdout().lock().write_all(gnp::realism_text(&table).as_bytes());
+    let _ = io::stdout().lock().write_all(program.named(&gnp::realism_text(&table)).as_bytes());
     machine.progress.note(&format!("all columns, with intervals, in realism.md, .csv and .json: {}", out.display()));
     Ok(())
 }
@@ -413,9 +413,10 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     } else {
         machine.progress.result(&explained.text());
     }
-    let key = &explained.key;
-    let of_its_own = || run.path().join("explain").join(format!("{}-{}-{}", key.recording, key.vehicle, key.t0));
-    let out = args.out.clone().unwrap_or_else(of_its_own);
+    let out = match &args.out {
+        Some(out) => out.clone(),
+        None => explained.folder(&run)?,
+    };
     explained.save_figures(&out)?;
     machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())
@@ -475,7 +476,11 @@ fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Result<Plan> 
 fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
     let stem = |path: &Path| path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
     let (config, name, shown) = match (&args.config, from, args.dataset) {
-        (Some(path), ..) => (RunConfig::read(path, &args.set)?, stem(path), path.display().to_string()),
+        (Some(path), ..) => {
+            // `paper/ngsim` is another run than `ngsim`.
+            let name = if path.is_file() { stem(path) } else { path.display().to_string().replace('/', "-") };
+            (RunConfig::named(path, &args.set)?, name, path.display().to_string())
+        }
         (None, Some(from), _) => {
             let path = from.join("config.toml");
             let name = format!("{}-tuned", stem(from));
@@ -485,7 +490,7 @@ fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
             let name = dataset.as_str();
             (RunConfig::embedded(name, &args.set)?, name.to_owned(), format!("configs/{name}.toml"))
         }
-        (None, None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config FILE"),
+        (None, None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config"),
     };
     if let Some(asked) = args.dataset
         && asked != config.dataset

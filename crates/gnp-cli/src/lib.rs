@@ -34,9 +34,12 @@ pub fn run(command: &Command, program: &Program) -> ExitCode {
 /// Prints an error and says how the program ends; `to_go_on` is the command that goes on from a folder.
 pub fn report(error: &anyhow::Error, program: &Program, to_go_on: impl FnOnce(&Path) -> Option<String>) -> ExitCode {
     let text = format!("{error:#}");
-    match error.chain().find_map(|cause| cause.downcast_ref::<gnp::Error>()).and_then(gnp::Error::kept) {
+    let known = error.chain().find_map(|cause| cause.downcast_ref::<gnp::Error>());
+    match known.and_then(gnp::Error::kept) {
         None => {
-            eprintln!("error: {}", program.named(&text));
+            let full = known.is_some_and(gnp::Error::is_disk_full);
+            let hint = if full { "; the disk is full: free some of it, and do the same again" } else { "" };
+            eprintln!("error: {}{hint}", program.named(&text));
             ExitCode::FAILURE
         }
         Some(kept) => {

@@ -1,5 +1,6 @@
 //! What the program is called: `gnp`, or `cargo xtask` in the project's own folder.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 /// The one place that knows the program's name. Messages and help texts are written with `gnp`.
@@ -42,8 +43,9 @@ impl Program {
     }
 
     /// A message with the commands in it, which stand in backticks, under the program's name; the model `gnp` keeps its own.
+    /// As [`printable`].
     pub(crate) fn named(&self, text: &str) -> String {
-        text.replace("`gnp ", &format!("`{} ", self.name))
+        printable(text).replace("`gnp ", &format!("`{} ", self.name))
     }
 
     /// A help text under the program's name: its examples begin a line.
@@ -74,6 +76,20 @@ impl Program {
     }
 }
 
+/// A text without control characters other than line breaks and tabs. Names of files and cells of tables stand in messages,
+/// and a terminal would take `ESC` in them for an order.
+pub(crate) fn printable(text: &str) -> Cow<'_, str> {
+    let harmful = |c: char| c.is_control() && c != '\n' && c != '\t';
+    if !text.contains(harmful) {
+        return text.into();
+    }
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        if harmful(c) { shown.extend(c.escape_default()) } else { shown.push(c) }
+    }
+    shown.into()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,5 +104,12 @@ mod tests {
         // A row of a table begins with the name of the model, which once became that of the program.
         let row = "gnp     0.31   0.78\nrun `gnp train --run a`";
         assert_eq!(xtask.named(row), "gnp     0.31   0.78\nrun `cargo xtask train --run a`");
+    }
+
+    #[test]
+    fn what_a_file_is_called_gives_the_terminal_no_orders() {
+        let name = "a\u{1b}]0;title\u{7}\r\u{9b}2J.csv";
+        let shown = Program::default().named(&format!("no rows in {name}\n\tor é"));
+        assert_eq!(shown, "no rows in a\\u{1b}]0;title\\u{7}\\r\\u{9b}2J.csv\n\tor é");
     }
 }

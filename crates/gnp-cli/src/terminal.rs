@@ -14,7 +14,7 @@ use gnp::{Progress, Work};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use tracing_subscriber::filter::LevelFilter;
 
-use crate::program::Program;
+use crate::program::{Program, printable};
 
 /// Plain lines of one piece of work are at least this far apart.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -108,6 +108,7 @@ struct Bar {
 
 impl Work for Bar {
     fn at(&self, done: u64, message: &str) {
+        let message = &*printable(message);
         self.bar.set_message(message.to_owned());
         self.bar.set_position(done);
         if self.plain && self.due() {

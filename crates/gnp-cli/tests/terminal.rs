@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Widest line of a result or a note.
-const COLUMNS: usize = 100;
+const COLUMNS: usize = 80;
 
 /// What a command prints: stdout and stderr. Fails where it fails, prints control characters or lines that are too
 /// long.

@@ -1,19 +1,16 @@
 //! From rows of a table to a recording: order, repeated rows, gap-free tracks, velocities,
 //! neighbours.
 
-use std::collections::BTreeMap;
-
 use rayon::prelude::*;
 
 use crate::error::DataError;
 use crate::ingest_report::IngestReport;
 use crate::leader;
 use crate::lookup::FrameIndex;
+use crate::named::{Named, Names, Placed};
 use crate::neighbours;
-use crate::parts::{check_span, track_at};
-use crate::recording::{
-    Columns, NO_TRACK, NamedLeader, Recording, RecordingMeta, Road, Track, VehicleClass, VelocitySource,
-};
+use crate::parts::check_span;
+use crate::recording::{Columns, NamedLeader, Recording, RecordingMeta, Road, Track, VehicleClass, VelocitySource};
 use crate::slot::SLOTS;
 
 /// Rows of one recording in SI units and the road frame, in any order: what the reader of a format
@@ -99,8 +96,9 @@ pub struct VehicleBody {
 struct Dropped {
     duplicates: u64,
     conflicts: u64,
-    unknown_neighbours: u64,
-    leaders: BTreeMap<String, u64>,
+    /// Names of neighbours that were not taken; without slots.
+    named: Named,
+    leaders: leader::Doubts,
 }
 
 impl Recording {
@@ -119,15 +117,28 @@ impl Recording {
         rows: Rows,
         body: impl Fn(usize) -> VehicleBody,
     ) -> Result<(Self, IngestReport), DataError> {
+        Self::with_names(meta, roads, rows, body).map(|(recording, report, _)| (recording, report))
+    }
+
+    /// As [`Recording::from_rows`], and what became of the neighbours that the data names, by slot.
+    pub(crate) fn with_names(
+        meta: RecordingMeta,
+        roads: Vec<Road>,
+        rows: Rows,
+        body: impl Fn(usize) -> VehicleBody,
+    ) -> Result<(Self, IngestReport, [Names; SLOTS]), DataError> {
         let rows_read = rows.x.len() as u64;
-        let (recording, dropped) = assemble(meta, roads, rows, body)?;
+        let (recording, Dropped { duplicates, conflicts, named, leaders }) = assemble(meta, roads, rows, body)?;
         let mut report = IngestReport::of(&recording);
         report.rows_read = rows_read;
-        report.duplicates = dropped.duplicates;
-        report.conflicts = dropped.conflicts;
-        report.unknown_neighbours = dropped.unknown_neighbours;
-        report.leaders_not_taken = dropped.leaders;
-        Ok((recording, report))
+        (report.duplicates, report.conflicts) = (duplicates, conflicts);
+        report.unknown_neighbours = named.absent;
+        let not_taken = named.not_taken.into_iter();
+        report.contradictions =
+            not_taken.map(|(who, n)| (format!("neighbours named are {who}: not taken"), n)).collect();
+        report.contradictions.extend(leaders.counted);
+        report.leaders_not_taken = leaders.not_taken;
+        Ok((recording, report, named.by_slot))
     }
 
     /// As [`Recording::from_rows`], without a report.
@@ -153,11 +164,7 @@ fn assemble(
     let count = order.as_ref().map_or(rows.x.len(), Vec::len);
     let tracks = tracks(&rows, count, pick, body);
 
-    let named = match &rows.neighbours {
-        NeighbourSource::Named(ids) => Ok(named(ids, &tracks, pick, count)),
-        NeighbourSource::Lanes(from_left) => Err(*from_left),
-    };
-    let Rows { x, y, velocity, lane, leader, .. } = rows;
+    let Rows { x, y, velocity, lane, leader, neighbours: source, .. } = rows;
     let x = reorder(x, order.as_deref());
     let y = reorder(y, order.as_deref());
     let lane = reorder(lane, order.as_deref());
@@ -166,18 +173,23 @@ fn assemble(
         Some(recorded) => recorded.map(|v| reorder(v, order.as_deref())),
         None => [&x, &y].map(|position| derivative(position, &tracks, meta.rate_hz)),
     };
-    let lane_order = named.as_ref().err().map(|from_left| lane.iter().map(|lane| (*lane, from_left(*lane))).collect());
-    let (neighbours, unknown_neighbours) = named.unwrap_or_else(|from_left| {
-        let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
-        (neighbours::from_lanes(&tracks, &FrameIndex::new(&spans), &x, &lane, from_left), 0)
-    });
+    let (mut named, lane_order) = match source {
+        NeighbourSource::Named(ids) => (Placed { tracks: &tracks, x: &x, y: &y, lane: &lane }.named(&ids, pick), None),
+        NeighbourSource::Lanes(from_left) => {
+            let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
+            let slots = neighbours::from_lanes(&tracks, &FrameIndex::new(&spans), &x, &lane, from_left);
+            let order = lane.iter().map(|lane| (*lane, from_left(*lane))).collect();
+            (Named { slots, ..Named::default() }, Some(order))
+        }
+    };
+    let neighbours = std::mem::take(&mut named.slots);
     let mut columns = Columns { x, y, vx, vy, lane, neighbours, named_leader: None };
-    let mut leaders = BTreeMap::new();
+    let mut leaders = leader::Doubts::default();
     if let Some(named) = leader {
         (columns.named_leader, leaders) = leader::checked(reorder(named, order.as_deref()), &tracks, &columns);
     }
     let recording = Recording::from_parts(meta.with_velocities(velocities), roads, tracks, columns)?;
-    Ok((Recording { lane_order, ..recording }, Dropped { duplicates, conflicts, unknown_neighbours, leaders }))
+    Ok((Recording { lane_order, ..recording }, Dropped { duplicates, conflicts, named, leaders }))
 }
 
 /// Rows that are kept, by vehicle and frame.
@@ -262,49 +274,6 @@ fn derivative(position: &[f32], tracks: &[Track], rate_hz: f64) -> Vec<f32> {
         }));
     }
     slope
-}
-
-/// Tracks in the slots of every row from the vehicles the file names, and how many of these are
-/// absent in the frame.
-fn named(
-    ids: &[Vec<i32>; SLOTS],
-    tracks: &[Track],
-    pick: impl Fn(usize) -> usize + Sync,
-    count: usize,
-) -> (Vec<[u32; SLOTS]>, u64) {
-    let mut slots = vec![[NO_TRACK; SLOTS]; count];
-    let mut rest = slots.as_mut_slice();
-    let mut of_track = Vec::with_capacity(tracks.len());
-    for track in tracks {
-        let (mine, after) = rest.split_at_mut(track.rows.len());
-        of_track.push((track, mine));
-        rest = after;
-    }
-    let unknown = of_track.into_par_iter().map(|(track, mine)| {
-        let mut unknown = 0;
-        // A neighbour stays the same over many rows: its track is looked up once.
-        let mut last = [None::<(u32, usize)>; SLOTS];
-        for (i, slots) in mine.iter_mut().enumerate() {
-            let row = pick(track.rows.start + i);
-            let frame = track.first_frame + i as u32;
-            for slot in 0..SLOTS {
-                let Some(vehicle) = u32::try_from(ids[slot][row]).ok().filter(|vehicle| *vehicle > 0) else { continue };
-                let there = |t: usize| tracks[t].vehicle == vehicle && tracks[t].row_at(frame).is_some();
-                let known = last[slot].filter(|(same, t)| *same == vehicle && there(*t)).map(|(_, t)| t);
-                let found = known.or_else(|| track_at(tracks, vehicle, frame));
-                match found.filter(|_| vehicle != track.vehicle) {
-                    Some(t) => {
-                        last[slot] = Some((vehicle, t));
-                        slots[slot] = t as u32;
-                    }
-                    None => unknown += 1,
-                }
-            }
-        }
-        unknown
-    });
-    let unknown = unknown.sum();
-    (slots, unknown)
 }
 
 #[cfg(test)]

@@ -1,47 +1,108 @@
 //! Finding recordings in a folder by what is in the files.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::error::DataError;
+use crate::foreign::{self, Foreign};
 use crate::format::{FORMATS, Format, Source};
 
-/// A file of this name marks every recording below its folder as made by a simulator.
-const SIMULATED: &str = "SIMULATED";
+mod walk;
 
-/// Recordings of `format` in a file, or in a folder and its sub-folders, sorted by name. Files are
+use self::walk::accompanies;
+pub(crate) use self::walk::only_a_file;
+
+/// Most files that are named in [`Discovery::notes`]; the others are counted.
+const NAMED: usize = 5;
+
+/// What was found in a folder.
+#[derive(Clone, Debug, Default)]
+#[non_exhaustive]
+pub struct Discovery {
+    /// The recordings, sorted by name.
+    pub sources: Vec<Source>,
+    /// What was met and not read, other datasets first. Nothing is said of what accompanies data: hidden files, pictures,
+    /// PDF, Markdown, files called readme, licence and the like, and the mark `SIMULATED`.
+    pub not_read: Vec<NotRead>,
+}
+
+/// A file, link or folder that was met and not read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct NotRead {
+    /// The place.
+    pub file: PathBuf,
+    /// What it is and, where something can be done, what to do.
+    pub what: String,
+}
+
+impl fmt::Display for NotRead {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} is not read: {}", self.file.display(), self.what)
+    }
+}
+
+impl Discovery {
+    /// A sentence for each of the first files that are not read, and one for the others.
+    #[must_use]
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes: Vec<String> = self.not_read.iter().take(NAMED).map(NotRead::to_string).collect();
+        match self.not_read.len().saturating_sub(NAMED) {
+            0 => {}
+            1 => notes.push("1 more file is not read".to_owned()),
+            more => notes.push(format!("{more} more files are not read")),
+        }
+        notes
+    }
+}
+
+/// The recordings of [`search`].
+///
+/// # Errors
+/// As [`search`].
+pub fn discover_with(path: &Path, format: &dyn Format) -> Result<Vec<Source>, DataError> {
+    Ok(search(path, format)?.sources)
+}
+
+/// Recordings of `format` in a file, or in a folder and its sub-folders, and what else is there. Files are
 /// recognised by what is in them, not by their names; the three files of a highD recording are put
 /// together by what their names have in common up to the last `_`. Where a table lies there twice
 /// under one name (`.csv` and `.txt`, plain and `.gz`), the first is taken and the source's notes name
-/// the other.
+/// the other. What links lead to is read once, wherever it lies. Pipes, sockets and devices are not opened.
 ///
 /// # Errors
 /// When nothing is found, a file cannot be read, or a file is a recording but for a column, its
-/// delimiter or its partner files.
-pub fn discover_with(path: &Path, format: &dyn Format) -> Result<Vec<Source>, DataError> {
-    let found = FoundFiles::of(path, format)?;
+/// delimiter or its partner files; when a single file is asked for that is something else.
+pub fn search(path: &Path, format: &dyn Format) -> Result<Discovery, DataError> {
+    let mut found = FoundFiles::of(path, format)?;
+    found.set_aside(format)?;
     let mut sources = format.sources(&found)?;
+    let not_read = found.not_read(&sources, format);
     if sources.is_empty() {
         let (folder, expected) = (path.into(), format.files().to_owned());
-        return Err(DataError::NoRecordings { folder, expected, seen: found.seen(format) });
+        let seen = match (Discovery { sources, not_read }).notes() {
+            notes if notes.is_empty() => "there are no tables".to_owned(),
+            notes => notes.join("; "),
+        };
+        return Err(DataError::NoRecordings { folder, expected, seen });
     }
     shorten(&mut sources);
     sources.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok(sources)
-}
-
-/// Whether a folder or one above it is marked as simulated.
-fn marked(folder: &Path) -> Result<bool, DataError> {
-    let whole = folder.canonicalize().map_err(|source| DataError::Io { file: folder.into(), source })?;
-    Ok(whole.ancestors().any(|folder| folder.join(SIMULATED).is_file()))
+    Ok(Discovery { sources, not_read })
 }
 
 /// Files of a folder that may hold recordings, as [`Format::sources`] is given them.
 #[derive(Clone, Debug)]
 pub struct FoundFiles {
     root: PathBuf,
+    /// Whether a single file was asked for.
+    single: bool,
     files: Vec<FoundFile>,
-    passed_over: usize,
+    /// Links, pipes and tables of other datasets.
+    aside: Vec<NotRead>,
+    /// Files whose names end otherwise than those of the format.
+    others: Vec<PathBuf>,
 }
 
 /// A file that may hold a recording.
@@ -107,69 +168,57 @@ impl FoundFiles {
         Ok(sources)
     }
 
-    /// Files below `path`, or beside it where it is a file.
-    fn of(path: &Path, format: &dyn Format) -> Result<Self, DataError> {
-        let metadata = std::fs::metadata(path).map_err(|source| DataError::Io { file: path.into(), source })?;
-        let only = metadata.is_file().then_some(path);
-        let root = match only {
-            Some(file) => file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")),
-            None => path,
-        };
-        let mut found = Self { root: root.to_owned(), files: Vec::new(), passed_over: 0 };
-        found.folder(root, marked(root)?, only, format)?;
-        Ok(found)
-    }
-
-    /// Adds the files of a folder, and those of its sub-folders unless `only` a file is asked for.
-    fn folder(
-        &mut self,
-        folder: &Path,
-        simulated: bool,
-        only: Option<&Path>,
-        format: &dyn Format,
-    ) -> Result<(), DataError> {
-        let io = |source| DataError::Io { file: folder.into(), source };
-        let listed = std::fs::read_dir(folder).map_err(io)?;
-        let mut entries =
-            listed.map(|entry| entry.map(|entry| entry.path())).collect::<Result<Vec<_>, _>>().map_err(io)?;
-        entries.sort();
-        let simulated =
-            simulated || entries.iter().any(|entry| entry.file_name().is_some_and(|name| name == SIMULATED));
-        for path in entries {
-            let named = only.is_some_and(|only| only.file_name() == path.file_name());
-            let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-            if hidden && !named {
+    /// Takes out the files that the format does not recognise and that are known to be something else.
+    ///
+    /// # Errors
+    /// [`DataError::Foreign`] where such a file alone was asked for.
+    fn set_aside(&mut self, format: &dyn Format) -> Result<(), DataError> {
+        let mut kept = Vec::with_capacity(self.files.len());
+        for file in std::mem::take(&mut self.files) {
+            if !file.asked || matches!(format.recognise(&file.path), Ok(true)) {
+                kept.push(file);
                 continue;
             }
-            if path.is_dir() {
-                if only.is_none() {
-                    self.folder(&path, simulated, only, format)?;
+            let foreign = foreign::of_file(&file.path);
+            match foreign {
+                Some(Foreign { what, remedy }) if self.single => {
+                    return Err(DataError::Foreign { file: file.path, what, remedy });
                 }
-            } else if named || may_be(&path, format) {
-                self.files.push(FoundFile { path, simulated, asked: only.is_none() || named });
-            } else {
-                self.passed_over += 1;
+                _ if !self.single && accompanies(&file.path) => {}
+                Some(foreign) => self.aside.push(NotRead { file: file.path, what: foreign.to_string() }),
+                None => kept.push(file),
             }
         }
+        self.files = kept;
         Ok(())
     }
 
-    /// What was there instead of recordings.
-    fn seen(&self, wanted: &dyn Format) -> String {
-        let others = || FORMATS.iter().filter(|format| format.dataset() != wanted.dataset());
-        let of_other = |file: &FoundFile| others().find(|format| matches!(format.recognise(&file.path), Ok(true)));
-        match self.files.iter().find_map(of_other) {
-            Some(format) => format!("the tables there are of {}: choose that dataset", format.title()),
-            None => format!("{} tables of another kind, {} other files", self.files.len(), self.passed_over),
+    /// What is not read: what was set aside, tables that are in no source, files of other names.
+    fn not_read(self, sources: &[Source], format: &dyn Format) -> Vec<NotRead> {
+        let read: BTreeSet<&Path> = sources.iter().flat_map(|source| &source.files).map(PathBuf::as_path).collect();
+        let others = || FORMATS.iter().filter(|other| other.dataset() != format.dataset());
+        let mut not_read = self.aside;
+        for file in self.files.into_iter().filter(|file| file.asked && !read.contains(file.path.as_path())) {
+            // What the format recognises and leaves is named in the notes of a source.
+            if !matches!(format.recognise(&file.path), Ok(false)) {
+                continue;
+            }
+            let of_other = others().find(|other| matches!(other.recognise(&file.path), Ok(true)));
+            let what = match of_other {
+                Some(other) => format!("a table of {}; choose that dataset", other.title()),
+                None => format!("a table or text of another kind than {}'s", format.title()),
+            };
+            not_read.push(NotRead { file: file.path, what });
         }
+        let left = NAMED.saturating_sub(not_read.len());
+        not_read.extend(self.others.into_iter().enumerate().map(|(i, file)| {
+            // Only what will be named is opened.
+            let foreign = if i < left { foreign::of_file(&file) } else { None };
+            let what = foreign.map_or_else(|| "its name ends otherwise".to_owned(), |foreign| foreign.to_string());
+            NotRead { file, what }
+        }));
+        not_read
     }
-}
-
-/// Whether a file's name ends as those of `format` do.
-fn may_be(file: &Path, format: &dyn Format) -> bool {
-    let name = file.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let name = name.strip_suffix(".gz").unwrap_or(&name);
-    name.rsplit_once('.').is_some_and(|(_, extension)| format.extensions().contains(&extension))
 }
 
 /// Drops the folders from names that are unique without them, and makes the others fit for files.

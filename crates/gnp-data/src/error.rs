@@ -28,6 +28,35 @@ pub enum DataError {
         /// What the decoder said.
         reason: String,
     },
+    /// A `.gz` out of which comes more than a recording could be packed to.
+    #[error(
+        "{}: more than {limit} bytes of text come out of a byte of gzip, which no recording does; take the original file, \
+         or unpack it", file.display()
+    )]
+    Inflated {
+        /// The file.
+        file: PathBuf,
+        /// Most bytes that a byte may stand for.
+        limit: u64,
+    },
+    /// A pipe, a socket or a device, which is not opened: reading it may never end.
+    #[error("{}: this is {what}, which is not opened; give a file or a folder", file.display())]
+    NotAFile {
+        /// The place.
+        file: PathBuf,
+        /// What it is, with its article.
+        what: &'static str,
+    },
+    /// A file of another kind.
+    #[error("{}: this is {what}; {remedy}", file.display())]
+    Foreign {
+        /// The file.
+        file: PathBuf,
+        /// What it is.
+        what: &'static str,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// A folder without anything to read.
     #[error("{}: no recordings found ({seen}); expected {expected}", folder.display())]
     NoRecordings {
@@ -140,6 +169,33 @@ pub enum DataError {
         /// What to do.
         remedy: &'static str,
     },
+    /// Two columns of one name, of which only one can be meant.
+    #[error(
+        "{}, line 1: columns {first} and {second} are both named `{column}`; remove or rename the wrong one", file.display()
+    )]
+    DuplicateColumn {
+        /// The table.
+        file: PathBuf,
+        /// The name.
+        column: String,
+        /// Place of the first, the leftmost column being 1.
+        first: usize,
+        /// Place of the second.
+        second: usize,
+    },
+    /// A recording whose files say things that cannot both be true, of so much of it that nothing of it can be
+    /// believed.
+    #[error("{}, {place}: {what}; {remedy}", file.display())]
+    Contradiction {
+        /// The table.
+        file: PathBuf,
+        /// Line and column where it shows first, as far as they are known.
+        place: String,
+        /// What contradicts what, and how often.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// A recording sampled at another rate than the configuration expects.
     #[error(
         "{}: recording {recording} has {found_hz} frames per second, the configuration expects {expected_hz}; \
@@ -186,7 +242,7 @@ pub enum DataError {
         /// The table.
         file: PathBuf,
     },
-    /// A table polars rejects and in which nothing wrong was found line by line.
+    /// A table that is none, at a line that the reason names.
     #[error("{}: the table cannot be read ({reason}); compare it with the original download", file.display())]
     Table {
         /// The table.

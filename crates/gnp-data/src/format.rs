@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::dataset::Dataset;
-use crate::discover::{FoundFiles, discover_with};
+use crate::discover::{Discovery, FoundFiles, search};
 use crate::error::DataError;
 use crate::ingest_report::IngestReport;
 use crate::recording::Recording;
@@ -16,7 +16,7 @@ use crate::window_shape::same_rate;
 /// Everything that is said of a dataset (its name on the command line and in files, its title in
 /// headings, the text of `--describe`) comes from here. [`FORMATS`] lists the formats of this crate;
 /// a further one is a file beside theirs and a line there. A format of another crate is read through
-/// [`discover_with`] and [`Format::read`].
+/// [`search`] and [`Format::read`].
 pub trait Format: Send + Sync {
     /// Name on the command line, in configurations and in files.
     fn dataset(&self) -> Dataset;
@@ -136,12 +136,20 @@ pub struct Expectation {
 }
 
 /// Recordings of a dataset of [`FORMATS`] in a file, or in a folder and its sub-folders: see
-/// [`discover_with`].
+/// [`search`].
 ///
 /// # Errors
-/// As [`format_of`] and [`discover_with`].
+/// As [`format_of`] and [`search`].
 pub fn discover(path: &Path, dataset: Dataset) -> Result<Vec<Source>, DataError> {
-    discover_with(path, format_of(dataset)?)
+    Ok(survey(path, dataset)?.sources)
+}
+
+/// The same with what else is there: see [`search`].
+///
+/// # Errors
+/// As [`format_of`] and [`search`].
+pub fn survey(path: &Path, dataset: Dataset) -> Result<Discovery, DataError> {
+    search(path, format_of(dataset)?)
 }
 
 /// The recordings of a source of a dataset of [`FORMATS`], with a report on each. One source is read

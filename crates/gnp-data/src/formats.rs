@@ -1,15 +1,27 @@
 //! The formats of this crate, one a file.
 
+#[cfg(not(feature = "readers"))]
+use std::path::Path;
+
+#[cfg(not(feature = "readers"))]
+use crate::error::DataError;
 use crate::format::Format;
 
 #[cfg(feature = "readers")]
+mod findings;
+#[cfg(feature = "readers")]
 mod highd;
+#[cfg(feature = "readers")]
+mod motion;
 #[cfg(feature = "readers")]
 mod ngsim;
 #[cfg(feature = "readers")]
 mod periods;
 #[cfg(feature = "readers")]
 mod table;
+
+#[cfg(feature = "readers")]
+pub(crate) use self::table::gzip::head;
 
 /// All of them, in the order in which they are described.
 #[cfg(feature = "readers")]
@@ -18,3 +30,15 @@ pub(crate) const ALL: &[&dyn Format] = &[&ngsim::Ngsim, &highd::HighD];
 /// None: reading needs the feature `readers`.
 #[cfg(not(feature = "readers"))]
 pub(crate) const ALL: &[&dyn Format] = &[];
+
+/// The first bytes of a file, packed or not, and whether they are all of it.
+#[cfg(not(feature = "readers"))]
+pub(crate) fn head(file: &Path) -> Result<(Vec<u8>, bool), DataError> {
+    use std::io::Read as _;
+
+    let io = |source| DataError::Io { file: file.into(), source };
+    let mut head = Vec::new();
+    let opened = std::fs::File::open(file).map_err(io)?;
+    let read = opened.take(crate::foreign::HEAD as u64).read_to_end(&mut head).map_err(io)?;
+    Ok((head, read < crate::foreign::HEAD))
+}

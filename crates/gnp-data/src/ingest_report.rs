@@ -82,6 +82,12 @@ pub struct IngestReport {
     /// Rows that name a vehicle ahead which is not taken from there, by reason.
     #[serde(default)]
     pub leaders_not_taken: BTreeMap<String, u64>,
+    /// Vehicles left out because what the files say of them cannot be true at once, by what. Their rows count as read.
+    #[serde(default)]
+    pub vehicles_left_out: BTreeMap<String, u64>,
+    /// What else in the files contradicts itself: how many rows, vehicles or names, by what and what was done.
+    #[serde(default)]
+    pub contradictions: BTreeMap<String, u64>,
     /// Rows of the file that belong to no recording, by reason. Counted with the first recording of
     /// the file.
     pub skipped_rows: BTreeMap<String, u64>,
@@ -127,6 +133,8 @@ impl IngestReport {
             named_leaders: recording.columns().named_leader.iter().flatten().filter(|named| named.vehicle != 0).count()
                 as u64,
             leaders_not_taken: BTreeMap::new(),
+            vehicles_left_out: BTreeMap::new(),
+            contradictions: BTreeMap::new(),
             skipped_rows: BTreeMap::new(),
             lanes: match (lines, fitted) {
                 (0, _) => LaneSource::Absent,
@@ -138,11 +146,14 @@ impl IngestReport {
         }
     }
 
-    /// What is not a column of a table: rows left out, vehicles ahead, notes; a sentence each.
+    /// What is not a column of a table: rows and vehicles left out, contradictions, vehicles ahead, notes; a sentence
+    /// each.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         let mut remarks: Vec<String> =
             self.skipped_rows.iter().map(|(reason, rows)| format!("{rows} rows left out: {reason}")).collect();
+        remarks.extend(self.vehicles_left_out.iter().map(|(why, n)| format!("{n} vehicles left out: they {why}")));
+        remarks.extend(self.contradictions.iter().map(|(what, n)| format!("{n} {what}")));
         if self.named_leaders > 0 {
             remarks.push(format!("{} rows tell a vehicle ahead that has no row of its own", self.named_leaders));
         }

@@ -9,10 +9,6 @@ use crate::recording::LaneMarking;
 /// Width of a lane of an American motorway: 12 feet, m.
 const LANE_WIDTH: f32 = 3.66;
 
-/// No lane is wider, m.
-#[cfg(feature = "readers")]
-pub(crate) const MAX_LANE_WIDTH: f32 = 8.;
-
 /// Lanes beyond this number are ramps: they lie beside the main lanes only for a part of the road.
 const MAIN_LANES: i16 = 6;
 
@@ -38,8 +34,8 @@ const SAMPLE: usize = 50_000;
 /// out; a lane without rows between two others gets its lines by equal spacing.
 #[must_use]
 pub fn fit_lanes(lane: &[i16], y: &[f32]) -> LaneFit {
-    let centres = centres(lane, y);
-    LaneFit { lines: lines(&centres), width: width(&centres) }
+    let (centres, misplaced) = centres(lane, y);
+    LaneFit { lines: lines(&centres), width: width(&centres), centres, misplaced }
 }
 
 /// Lanes fitted by [`fit_lanes`].
@@ -50,6 +46,10 @@ pub struct LaneFit {
     pub lines: Vec<LaneMarking>,
     /// Mean distance between the centres of neighbouring lanes, m; `None` with fewer than two lanes.
     pub width: Option<f32>,
+    /// Lanes that took part with the medians of their lateral positions, m, from left to right.
+    pub(crate) centres: Vec<(i16, f32)>,
+    /// Lanes whose numbers do not grow to the right with their positions.
+    pub(crate) misplaced: Vec<i16>,
 }
 
 fn lines(centres: &[(i16, f32)]) -> Vec<LaneMarking> {
@@ -77,8 +77,9 @@ fn width(centres: &[(i16, f32)]) -> Option<f32> {
     (right > left).then(|| (y_left - y_right) / f32::from(right - left))
 }
 
-/// Lanes that take part, with the median of their lateral positions, from left to right.
-fn centres(lane: &[i16], y: &[f32]) -> Vec<(i16, f32)> {
+/// Lanes that take part, with the median of their lateral positions, from left to right, and those that contradict
+/// that order.
+fn centres(lane: &[i16], y: &[f32]) -> (Vec<(i16, f32)>, Vec<i16>) {
     let mut counts: BTreeMap<i16, usize> = BTreeMap::new();
     for number in lane.iter().filter(|number| (1..=MAIN_LANES).contains(*number)) {
         *counts.entry(*number).or_default() += 1;
@@ -87,6 +88,7 @@ fn centres(lane: &[i16], y: &[f32]) -> Vec<(i16, f32)> {
     // A recording of a few rows still has lanes: the bound never exceeds a tenth of it.
     let least = ((all as f64 * MIN_FRACTION) as usize).max(MIN_ROWS.min(all / 10));
     let mut centres: Vec<(i16, f32, usize)> = Vec::new();
+    let mut misplaced = Vec::new();
     for (number, count) in counts.into_iter().filter(|(_, count)| *count >= least) {
         let rows = lane.iter().zip(y).filter(|(have, _)| **have == number);
         let mut positions: Vec<f32> = rows.map(|(_, y)| *y).step_by(count.div_ceil(SAMPLE)).collect();
@@ -97,13 +99,16 @@ fn centres(lane: &[i16], y: &[f32]) -> Vec<(i16, f32)> {
                 break;
             }
             centres.pop();
+            misplaced.push(left);
         }
         let fits = |(left, y_left, _): &(i16, f32, usize)| y_left - centre >= MIN_SPACING * f32::from(number - left);
         if centres.last().is_none_or(fits) {
             centres.push((number, centre, count));
+        } else {
+            misplaced.push(number);
         }
     }
-    centres.into_iter().map(|(number, centre, _)| (number, centre)).collect()
+    (centres.into_iter().map(|(number, centre, _)| (number, centre)).collect(), misplaced)
 }
 
 /// The median, reordering `values`; the upper one of an even number.

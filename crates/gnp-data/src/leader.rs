@@ -165,12 +165,30 @@ impl<'a> Neighbour<'a> {
     }
 }
 
+/// A headway may differ by this much from positions, m: on I-80 one in a thousand does, as it was not taken from the
+/// positions that were published.
+const HEADWAY_TOLERANCE: f32 = 5.;
+
+/// What is doubtful in the leaders that rows name.
+#[derive(Debug, Default)]
+pub(crate) struct Doubts {
+    /// Rows whose leader is not taken from there, by reason.
+    pub(crate) not_taken: BTreeMap<String, u64>,
+    /// Rows that contradict positions, by how.
+    pub(crate) counted: BTreeMap<String, u64>,
+}
+
 /// Of the leaders that rows name those that tell what no other row does, and the others by reason.
+///
+/// Where a leader has a row of its own, its place can be compared with what its follower's row says. If most such rows
+/// are wrong, none of the others is believed.
 pub(crate) fn checked(
     mut named: Vec<NamedLeader>,
     tracks: &[Track],
     columns: &Columns,
-) -> (Option<Vec<NamedLeader>>, BTreeMap<String, u64>) {
+) -> (Option<Vec<NamedLeader>>, Doubts) {
+    let compared = compare(&named, tracks, columns);
+    let believed = 2 * (compared.elsewhere + compared.headway) <= compared.rows;
     let mut not_taken = BTreeMap::new();
     let mut taken = false;
     for track in tracks {
@@ -180,7 +198,8 @@ pub(crate) fn checked(
                 *leader = NamedLeader::default();
                 continue;
             }
-            match doubt(leader, track, frame, row, tracks, columns) {
+            let unbelieved = (!believed).then_some("most rows that can be compared contradict positions");
+            match doubt(leader, track, frame, row, tracks, columns).or(unbelieved) {
                 None => taken = true,
                 Some(reason) => {
                     *not_taken.entry(reason.to_owned()).or_insert(0) += 1;
@@ -189,7 +208,49 @@ pub(crate) fn checked(
             }
         }
     }
-    (taken.then_some(named), not_taken)
+    let counted = [
+        ("rows name a vehicle ahead that is not ahead in their lane", compared.elsewhere),
+        ("rows have a headway that is more than 5 m off the positions", compared.headway),
+    ];
+    let counted = counted.into_iter().filter(|(_, rows)| *rows > 0).map(|(what, rows)| (what.to_owned(), rows));
+    (taken.then_some(named), Doubts { not_taken, counted: counted.collect() })
+}
+
+/// Rows whose leader has a row of its own, and those of them that contradict it.
+#[derive(Default)]
+struct Compared {
+    rows: u64,
+    /// It is behind or in another lane.
+    elsewhere: u64,
+    /// It is ahead at another distance.
+    headway: u64,
+}
+
+fn compare(named: &[NamedLeader], tracks: &[Track], columns: &Columns) -> Compared {
+    let mut compared = Compared::default();
+    for track in tracks {
+        // A leader stays the same over many rows: its track is looked up once.
+        let mut last = None::<usize>;
+        for (row, frame) in track.rows.clone().zip(track.first_frame..) {
+            let NamedLeader { vehicle, headway } = named[row];
+            if vehicle == 0 || vehicle == track.vehicle {
+                continue;
+            }
+            let known = last.filter(|t| tracks[*t].vehicle == vehicle && tracks[*t].row_at(frame).is_some());
+            last = known.or_else(|| track_at(tracks, vehicle, frame));
+            let Some((ahead, other)) = last.and_then(|t| Some((&tracks[t], tracks[t].row_at(frame)?))) else {
+                continue;
+            };
+            compared.rows += 1;
+            let fronts = columns.x[other] - columns.x[row] + (ahead.length - track.length) / 2.;
+            if fronts <= 0. || columns.lane[other] != columns.lane[row] {
+                compared.elsewhere += 1;
+            } else if headway > 0. && (headway - fronts).abs() > HEADWAY_TOLERANCE {
+                compared.headway += 1;
+            }
+        }
+    }
+    compared
 }
 
 /// Why the vehicle that a row names as its leader is not taken from there.

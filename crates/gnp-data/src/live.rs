@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use crate::assemble::{Rows, VehicleBody};
 use crate::dataset::Dataset;
 use crate::error::DataError;
+use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED};
 use crate::recording::{LaneMarking, Recording, RecordingMeta, Road, VehicleClass};
 use crate::window::Observation;
 use crate::window_shape::{WindowError, WindowShape};
@@ -42,7 +43,8 @@ impl Sample {
 
 /// The vehicles of one carriageway up to now, and what a predictor may see of them.
 ///
-/// Positions are in a road frame of your own: x forward along the road, y to the left, m. Lanes
+/// Positions are in a road frame of your own: x forward along the road, y to the left, m, within the bounds of
+/// [`limits`]. Lanes
 /// follow from the lane lines, neighbours from lanes and positions ([`find_neighbours`](crate::find_neighbours)).
 /// Velocities are given with all samples or with none; where they are given, each vehicle's own is
 /// used from its first sample on, otherwise they are differences of positions.
@@ -87,21 +89,23 @@ struct Vehicle {
 #[non_exhaustive]
 pub enum LiveError {
     /// A rate that is none.
-    #[error("a rate of {rate_hz} Hz is not positive")]
+    #[error("a rate of {rate_hz} Hz is not positive or above {MAX_RATE_HZ} Hz")]
     Rate {
         /// The rate, Hz.
         rate_hz: f64,
     },
     /// Lane lines that make no lane.
-    #[error("lane lines must be two or more, from right to left, finite and growing in y")]
+    #[error(
+        "lane lines must be 2 to {MAX_LINES}, from right to left, growing in y and within {MAX_POSITION} m of the origin"
+    )]
     Lines,
     /// A size, position or velocity that cannot be.
-    #[error("vehicle {vehicle}: {what} is not finite, or a size is not positive")]
+    #[error("vehicle {vehicle}: {what}; check where it comes from and its unit")]
     Value {
         /// The vehicle.
         vehicle: u32,
-        /// Which value.
-        what: &'static str,
+        /// Which value, and what it may be.
+        what: String,
     },
     /// A sample between two frames.
     #[error(
@@ -154,11 +158,12 @@ impl LiveScene {
     /// # Errors
     /// [`LiveError::Rate`], [`LiveError::Lines`].
     pub fn new(rate_hz: f64, lines: Vec<LaneMarking>) -> Result<Self, LiveError> {
-        if !(rate_hz.is_finite() && rate_hz > 0.) {
+        if !(rate_hz > 0. && rate_hz <= MAX_RATE_HZ) {
             return Err(LiveError::Rate { rate_hz });
         }
         let grow = lines.windows(2).all(|pair| pair[0].y < pair[1].y);
-        if lines.len() < 2 || !grow || lines.iter().any(|line| !line.y.is_finite()) {
+        let near = lines.iter().all(|line| limits::is_position([0., line.y]));
+        if !(2..=MAX_LINES).contains(&lines.len()) || !grow || !near {
             return Err(LiveError::Lines);
         }
         Ok(Self { rate_hz, lines, start_s: None, vehicles: BTreeMap::new(), recording: OnceLock::new() })
@@ -170,7 +175,7 @@ impl LiveScene {
     /// `size` is length and width, m; size and class of the first call count.
     ///
     /// # Errors
-    /// [`LiveError::Value`], [`LiveError::Time`] for a sample more than 1 ms off the rate,
+    /// [`LiveError::Value`] for what is beyond [`limits`], [`LiveError::Time`] for a sample more than 1 ms off the rate,
     /// [`LiveError::Order`], [`LiveError::Velocity`]. Then nothing is added.
     pub fn push(
         &mut self,
@@ -180,8 +185,8 @@ impl LiveScene {
         samples: &[Sample],
     ) -> Result<(), LiveError> {
         let value = |what| LiveError::Value { vehicle, what };
-        if !size.iter().all(|side| side.is_finite() && *side > 0.) {
-            return Err(value("the size"));
+        if !limits::is_size(size) {
+            return Err(value(format!("{} m by {} m is no size: vehicles are {}", size[0], size[1], limits::sizes())));
         }
         let start_s = self.start_s.or(samples.first().map(|sample| sample.time_s)).unwrap_or_default();
         let measured = self.first_sample().or(samples.first()).is_some_and(|sample| sample.velocity.is_some());
@@ -189,9 +194,19 @@ impl LiveScene {
         let mut framed = Vec::with_capacity(samples.len());
         for sample in samples {
             let time_s = sample.time_s;
-            let finite = |pair: [f32; 2]| pair[0].is_finite() && pair[1].is_finite();
-            if !time_s.is_finite() || !finite(sample.position) || !sample.velocity.is_none_or(finite) {
-                return Err(value("a time, position or velocity"));
+            if !time_s.is_finite() {
+                return Err(value(format!("a time of {time_s} s")));
+            }
+            if !limits::is_position(sample.position) {
+                let [x, y] = sample.position;
+                return Err(value(format!(
+                    "at {time_s} s the position ({x}, {y}) m is not within {MAX_POSITION} m of the origin"
+                )));
+            }
+            if let Some([vx, vy]) = sample.velocity.filter(|velocity| !limits::is_velocity(*velocity)) {
+                return Err(value(format!(
+                    "at {time_s} s the velocity ({vx}, {vy}) m/s is not within {MAX_SPEED} m/s"
+                )));
             }
             if sample.velocity.is_some() != measured {
                 return Err(LiveError::Velocity { vehicle });

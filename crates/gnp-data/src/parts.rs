@@ -1,8 +1,9 @@
 //! A recording from its parts, checked.
 
 use crate::error::DataError;
+use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED};
 use crate::lookup::FrameIndex;
-use crate::recording::{Columns, NO_TRACK, NamedLeader, Recording, RecordingMeta, Road, Track};
+use crate::recording::{Columns, NO_TRACK, NamedLeader, Recording, RecordingMeta, Road, Track, VelocitySource};
 
 /// Longest span of frames a recording may have: a day at 100 Hz. The frame index is as long.
 pub(crate) const MAX_FRAMES: u32 = 8_640_000;
@@ -14,8 +15,10 @@ impl Recording {
     /// # Errors
     /// [`DataError::Parts`] when the name is empty, the rate is not positive, columns differ in
     /// length, tracks do not cover the rows in order, a track names a carriageway that is not
-    /// there, a size is not positive, lines do not grow, a value is not finite, a neighbour is
-    /// not a track that is present in that frame, or a named leader has a row of its own or no distance.
+    /// there, lines do not grow, a value is not finite, a neighbour is not a track that is present in that frame,
+    /// or a named leader has a row of its own or no distance; when a position, a recorded velocity, a size, a rate
+    /// or a number of lines is beyond its bound in [`limits`]. Derived velocities follow from
+    /// positions, whose noise may exceed any speed.
     pub fn from_parts(
         meta: RecordingMeta,
         roads: Vec<Road>,
@@ -26,7 +29,7 @@ impl Recording {
         check_meta(&meta).map_err(fail)?;
         check_roads(&roads).map_err(fail)?;
         check_tracks(&tracks, roads.len(), columns.x.len()).map_err(fail)?;
-        check_columns(&columns, &tracks).map_err(fail)?;
+        check_columns(&columns, &tracks, meta.velocities).map_err(fail)?;
         let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
         let frames = FrameIndex::new(&spans);
         Ok(Self { meta, roads, tracks, columns, frames, lane_order: None })
@@ -37,8 +40,8 @@ fn check_meta(meta: &RecordingMeta) -> Result<(), String> {
     if meta.name.is_empty() {
         return Err("the name is empty; give every recording a name".into());
     }
-    if !(meta.rate_hz.is_finite() && meta.rate_hz > 0.) {
-        return Err(format!("rate {} Hz; it must be positive", meta.rate_hz));
+    if !(meta.rate_hz > 0. && meta.rate_hz <= MAX_RATE_HZ) {
+        return Err(format!("rate {} Hz; it must be positive and at most {MAX_RATE_HZ} Hz", meta.rate_hz));
     }
     Ok(())
 }
@@ -46,8 +49,13 @@ fn check_meta(meta: &RecordingMeta) -> Result<(), String> {
 fn check_roads(roads: &[Road]) -> Result<(), String> {
     for (r, road) in roads.iter().enumerate() {
         let grow = road.lines.windows(2).all(|pair| pair[0].y < pair[1].y);
-        if !grow || road.lines.iter().any(|line| !line.y.is_finite()) {
-            return Err(format!("the lines of carriageway {r} must be finite and grow in y"));
+        if !grow || road.lines.iter().any(|line| !limits::is_position([0., line.y])) {
+            return Err(format!(
+                "the lines of carriageway {r} must be finite, grow in y and be within {MAX_POSITION} m"
+            ));
+        }
+        if road.lines.len() > MAX_LINES {
+            return Err(format!("carriageway {r} has {} lines; it may have {MAX_LINES}", road.lines.len()));
         }
     }
     Ok(())
@@ -67,11 +75,12 @@ fn check_tracks(tracks: &[Track], roads: usize, rows: usize) -> Result<(), Strin
         if usize::from(track.road) >= roads {
             return Err(format!("vehicle {vehicle} is on carriageway {}, there are {roads}", track.road));
         }
-        let positive = |size: f32| size.is_finite() && size > 0.;
-        if !positive(track.length) || !positive(track.width) {
+        if !limits::is_size([track.length, track.width]) {
             return Err(format!(
-                "vehicle {vehicle} is {} m long and {} m wide; both must be positive",
-                track.length, track.width
+                "vehicle {vehicle} is {} m long and {} m wide; vehicles are {}",
+                track.length,
+                track.width,
+                limits::sizes()
             ));
         }
         if u32::try_from(track.rows.len()).ok().and_then(|n| track.first_frame.checked_add(n)).is_none() {
@@ -94,7 +103,7 @@ pub(crate) fn check_span(first: u32, last: u32) -> Result<(), String> {
     Ok(())
 }
 
-fn check_columns(columns: &Columns, tracks: &[Track]) -> Result<(), String> {
+fn check_columns(columns: &Columns, tracks: &[Track], velocities: VelocitySource) -> Result<(), String> {
     let rows = columns.x.len();
     let lengths = [columns.y.len(), columns.vx.len(), columns.vy.len(), columns.lane.len(), columns.neighbours.len()];
     if lengths.iter().any(|n| *n != rows) {
@@ -104,6 +113,16 @@ fn check_columns(columns: &Columns, tracks: &[Track]) -> Result<(), String> {
         if let Some(row) = column.iter().position(|value| !value.is_finite()) {
             return Err(format!("column {name}, row {row} is {}; it must be finite", column[row]));
         }
+    }
+    let (x, y) = (columns.x.iter().zip(&columns.y), columns.vx.iter().zip(&columns.vy));
+    let (mut positions, mut speeds) = (x.map(|(x, y)| [*x, *y]), y.map(|(vx, vy)| [*vx, *vy]));
+    if let Some(row) = positions.position(|position| !limits::is_position(position)) {
+        return Err(format!("row {row} is more than {MAX_POSITION} m from the origin; choose one nearer to the road"));
+    }
+    if velocities == VelocitySource::Recorded
+        && let Some(row) = speeds.position(|velocity| !limits::is_velocity(velocity))
+    {
+        return Err(format!("row {row} moves at more than {MAX_SPEED} m/s; check the unit"));
     }
     for (t, track) in tracks.iter().enumerate() {
         for row in track.rows.clone() {

@@ -99,16 +99,27 @@ pub struct SplitConfig {
 }
 
 impl SplitConfig {
+    /// Every number: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 6] = [
+        ("train", 1e-6, 1. - 1e-6, "of the windows"),
+        ("validation", 1e-6, 1. - 1e-6, "of the windows"),
+        ("test", 1e-6, 1. - 1e-6, "of the windows"),
+        ("folds", 1., 1000., "folds (1: a single split)"),
+        ("fold", 1., 1000., ""),
+        // The largest number of TOML.
+        ("seed", 0., i64::MAX as f64, ""),
+    ];
+
     /// Checks shares and folds.
     ///
     /// # Errors
     /// When a share is not above 0, or they do not sum to 1; when the fold is not one of the folds,
     /// or there are several of a kind that cannot be dealt into folds (`time`).
     pub fn check(&self) -> Result<(), DataError> {
-        let shares = [("train", self.train), ("validation", self.validation), ("test", self.test)];
-        for (key, value) in shares {
-            if !(value > 0. && value < 1.) {
-                let problem = "must lie between 0 and 1; every part needs windows".to_owned();
+        let values = [self.train, self.validation, self.test, self.folds as f64];
+        for ((key, least, most, unit), value) in Self::RANGES.into_iter().zip(values) {
+            if !(least..=most).contains(&value) {
+                let problem = format!("give a number from {least} to {most} {unit}");
                 return Err(DataError::BadValue { key, value: value.to_string(), problem });
             }
         }
@@ -116,10 +127,6 @@ impl SplitConfig {
         if (sum - 1.).abs() > 1e-6 {
             let problem = format!("train, validation and test sum to {sum}; make them sum to 1");
             return Err(DataError::BadValue { key: "train", value: self.train.to_string(), problem });
-        }
-        if self.folds == 0 {
-            let problem = "is no split at all; give 1 for a single split, or more".to_owned();
-            return Err(DataError::BadValue { key: "folds", value: self.folds.to_string(), problem });
         }
         if !(1..=self.folds).contains(&self.fold) {
             let problem = format!("is none of the {} folds, which are counted from 1", self.folds);

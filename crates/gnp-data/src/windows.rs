@@ -27,25 +27,30 @@ pub struct WindowConfig {
 }
 
 impl WindowConfig {
+    /// Every number but the strides of sites, which have the range of `stride_s`: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 4] = [
+        // Nobody is predicted for more than minutes.
+        ("observed_s", 1e-3, 600., "s"),
+        ("predicted_s", 1e-3, 600., "s"),
+        ("rate_hz", 1e-2, 1000., "Hz"),
+        ("stride_s", 1e-3, 86_400., "s"),
+    ];
+
     /// Checks each value by itself.
     ///
     /// # Errors
-    /// When a time or the rate is not positive, or a time is not a whole number of the windows' frames.
+    /// When a time or the rate is out of its range, or a time is not a whole number of the windows' frames.
     pub fn check(&self) -> Result<(), DataError> {
-        let keys = [
-            ("observed_s", self.observed_s),
-            ("predicted_s", self.predicted_s),
-            ("rate_hz", self.rate_hz),
-            ("stride_s", self.stride_s),
-        ];
-        let sites = self.site_stride_s.values().map(|stride| ("site_stride_s", *stride));
-        for (key, value) in keys.into_iter().chain(sites) {
-            if !(value.is_finite() && value > 0.) {
-                return Err(bad_value(key, value, "must be a positive number".to_owned()));
-            }
-        }
-        for (key, value) in &keys[..2] {
-            frames(key, *value, self.rate_hz)?;
+        let within = |(_, least, most, unit): (&str, f64, f64, &str), key, value: f64| {
+            let wrong = || bad_value(key, value, format!("give a number from {least} to {most} {unit}"));
+            if (least..=most).contains(&value) { Ok(()) } else { Err(wrong()) }
+        };
+        let values = [self.observed_s, self.predicted_s, self.rate_hz, self.stride_s];
+        Self::RANGES.into_iter().zip(values).try_for_each(|(range, value)| within(range, range.0, value))?;
+        let [.., of_stride] = Self::RANGES;
+        self.site_stride_s.values().try_for_each(|stride| within(of_stride, "site_stride_s", *stride))?;
+        for (key, value) in [("observed_s", self.observed_s), ("predicted_s", self.predicted_s)] {
+            frames(key, value, self.rate_hz)?;
         }
         Ok(())
     }
@@ -270,9 +275,9 @@ fn longest_track_s(recording: &Recording) -> f64 {
 fn frames(key: &'static str, seconds: f64, rate_hz: f64) -> Result<usize, DataError> {
     whole(seconds * rate_hz).ok_or_else(|| {
         let frames = seconds * rate_hz;
-        let below = (frames.floor().max(1.)) / rate_hz;
-        let above = (frames.ceil().max(1.)) / rate_hz;
-        bad_value(key, seconds, format!("is {frames:.3} frames at {rate_hz} Hz; take {below:.4} or {above:.4}"))
+        let mut near = [frames.floor(), frames.ceil()].map(|whole| format!("{:.4}", whole.max(1.) / rate_hz)).to_vec();
+        near.dedup();
+        bad_value(key, seconds, format!("is {frames:.3} frames at {rate_hz} Hz; take {}", near.join(" or ")))
     })
 }
 

@@ -108,15 +108,13 @@ fn slots_of(me: usize) -> [u32; SLOTS] {
     slots
 }
 
-/// Where a row after `t0` of a scrambled scene takes its values from.
+/// Where a row of a changed scene takes its place from: after `t0` everybody goes at half the speed, since rows that
+/// jump about, and velocities that are not those of positions, are refused.
 fn source_frame(frame: u32, t0: Option<u32>) -> u32 {
-    match t0 {
-        Some(t0) if frame > t0 => t0 + 1 + (frame * 31 + 7) % (FRAMES - t0),
-        _ => frame,
-    }
+    t0.map_or(frame, |t0| frame.min(t0) + frame.saturating_sub(t0) / 2)
 }
 
-/// Writes the scene as one highD recording; rows after `scrambled` change places among themselves.
+/// Writes the scene as one highD recording, changed after `scrambled`.
 fn write_highd(folder: &Path, layout: Layout, rate: f64, scrambled: Option<u32>) {
     let mut tracks = String::from(
         "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,frontSightDistance,\
@@ -140,8 +138,9 @@ fn write_highd(folder: &Path, layout: Layout, rate: f64, scrambled: Option<u32>)
             let [x, y] = layout.image(vehicle.at(f64::from(source) / rate));
             let [vx, vy] = layout.velocity(vehicle.velocity);
             let (corner_x, corner_y) = (x - SIZE[0] / 2., y - SIZE[1] / 2.);
-            let vx = if source == frame { vx } else { vx * 1.25 };
-            let lane = 3 + vehicle.lane + u32::from(source != frame);
+            let after = scrambled.is_some_and(|t0| frame > t0);
+            let vx = if after { vx / 2. } else { vx };
+            let lane = 3 + vehicle.lane;
             writeln!(
                 tracks,
                 "{frame},{id},{corner_x:.4},{corner_y:.4},{},{},{vx:.4},{vy:.4},0,0,0,0,0,0,0,0,{ids},{lane}",
@@ -168,8 +167,7 @@ fn write_highd(folder: &Path, layout: Layout, rate: f64, scrambled: Option<u32>)
     }
 }
 
-/// Writes the scene in NGSIM's columns, in feet; after `scrambled` everybody stops and goes at half
-/// the speed, since rows that jump about are refused as being in another unit.
+/// Writes the scene in NGSIM's columns, in feet, changed after `scrambled`.
 fn write_ngsim(folder: &Path, scrambled: Option<u32>) {
     let mut text = String::from(
         "Vehicle_ID,Frame_ID,Total_Frames,Global_Time,Local_X,Local_Y,Global_X,Global_Y,v_Length,v_Width,v_Class,\
@@ -177,7 +175,7 @@ fn write_ngsim(folder: &Path, scrambled: Option<u32>) {
     );
     for (index, vehicle) in vehicles().iter().enumerate() {
         for frame in 1..=FRAMES {
-            let source = scrambled.map_or(frame, |t0| frame.min(t0) + frame.saturating_sub(t0) / 2);
+            let source = source_frame(frame, scrambled);
             let [x, y] = vehicle.at(f64::from(source) / 10.);
             let (front, right) = ((x + SIZE[0] / 2.) * FEET, (LINES[3] - y) * FEET);
             let [length, width] = SIZE.map(|metres| metres * FEET);
@@ -186,7 +184,7 @@ fn write_ngsim(folder: &Path, scrambled: Option<u32>) {
                 text,
                 "{},{frame},{FRAMES},{time},{right:.4},{front:.4},0,0,{length:.4},{width:.4},2,{:.3},0,{},0,0,0,0,us-101",
                 index + 1,
-                vehicle.velocity[0] * FEET,
+                vehicle.velocity[0] * FEET * if scrambled.is_some_and(|t0| frame > t0) { 0.5 } else { 1. },
                 vehicle.lane,
             )
             .unwrap();

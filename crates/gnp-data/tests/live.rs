@@ -136,6 +136,13 @@ fn bad_samples_are_refused_and_change_nothing() {
     assert!(matches!(refused(&mut scene, &[fast]), LiveError::Velocity { vehicle: 5 }));
     let flat = scene.push(6, [4.5, 0.], VehicleClass::Car, &[sample(0.04)]);
     assert!(matches!(flat, Err(LiveError::Value { vehicle: 6, .. })));
+    let place = refused(&mut scene, &[Sample::new(1e4 + 0.08, [1e30, 0.])]);
+    assert!(place.to_string().contains("within 131072 m of the origin"), "{place}");
+    let huge = scene.push(6, [1e9, 2.], VehicleClass::Car, &[sample(0.04)]).unwrap_err();
+    assert!(huge.to_string().contains("0.5 to 40 m long"), "{huge}");
+    let mut measured_scene = LiveScene::new(RATE, lines()).unwrap();
+    let speed = add(&mut measured_scene, 5, &[sample(0.).with_velocity([1e6, 0.])]).unwrap_err();
+    assert!(speed.to_string().contains("within 100 m/s"), "{speed}");
     assert_eq!(scene.recording().unwrap().len(), 42);
     let far = Sample::new(1e300, [0., 0.]);
     add(&mut scene, 5, &[far]).unwrap();
@@ -145,6 +152,9 @@ fn bad_samples_are_refused_and_change_nothing() {
 #[test]
 fn a_scene_needs_a_rate_and_lanes() {
     assert!(matches!(LiveScene::new(0., lines()), Err(LiveError::Rate { .. })));
+    assert!(matches!(LiveScene::new(1e9, lines()), Err(LiveError::Rate { .. })));
     assert!(matches!(LiveScene::new(RATE, lines()[..1].to_vec()), Err(LiveError::Lines)));
+    let many = (0..100_000u32).map(|i| LaneMarking::new(i as f32, true)).collect();
+    assert!(matches!(LiveScene::new(RATE, many), Err(LiveError::Lines)));
     assert!(matches!(LiveScene::new(RATE, lines().into_iter().rev().collect()), Err(LiveError::Lines)));
 }

@@ -77,14 +77,23 @@ impl Difference {
 }
 
 impl Bootstrap {
-    /// Refuses fewer resamples than a 95 % interval needs.
+    /// Every number: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 2] = [
+        // A 95 % interval needs 40; 1000 are usual, and beyond 10,000 its ends no longer move. All are in memory.
+        ("resamples", 40., 1e5, "(a 95 % interval needs at least 40, 1000 are usual)"),
+        // The largest number of TOML; other seeds come from sums and can be used.
+        ("seed", 0., i64::MAX as f64, ""),
+    ];
+
+    /// Refuses fewer resamples than a 95 % interval needs, and more than anybody has a use for.
     ///
     /// # Errors
     /// Names the key and what to write.
     pub fn check(&self) -> Result<(), EvalError> {
-        if self.resamples < 40 {
-            let problem = format!("is {}; a 95 % interval needs at least 40 resamples, 1000 are usual", self.resamples);
-            return Err(EvalError::Config { key: "resamples", problem });
+        let [(key, least, most, unit), _] = Self::RANGES;
+        if !(least..=most).contains(&(self.resamples as f64)) {
+            let problem = format!("is {}; give a number from {least} to {most} {unit}", self.resamples);
+            return Err(EvalError::Config { key, problem });
         }
         Ok(())
     }

@@ -150,7 +150,16 @@ pub enum EvalError {
         #[source]
         source: serde_json::Error,
     },
-    /// A prediction file is not readable or writable Parquet.
+    /// A file could not be written as Parquet; where the file system refused it, that is [`EvalError::Io`].
+    #[error("cannot write {} as Parquet", path.display())]
+    WriteParquet {
+        /// The file.
+        path: PathBuf,
+        /// What the Parquet library said.
+        #[source]
+        source: parquet::errors::ParquetError,
+    },
+    /// A prediction file is not readable Parquet.
     #[error("{}: Parquet; files are read uncompressed or with snappy", path.display())]
     Parquet {
         /// The file.

@@ -34,14 +34,19 @@ pub struct EvalConfig {
 }
 
 impl EvalConfig {
+    /// Every number but those of the bootstrap: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 1] = [("batch", 1., 65_536., "windows")];
+
     /// Refuses values that cannot be used.
     ///
     /// # Errors
     /// Names the key and what to write.
     pub fn check(&self) -> Result<(), EvalError> {
         let bad = |key, problem: &str| Err(EvalError::Config { key, problem: problem.to_owned() });
-        if self.batch == 0 {
-            return bad("batch", "is 0; write a number of windows, such as 256");
+        let [(key, least, most, unit)] = Self::RANGES;
+        if !(least..=most).contains(&(self.batch as f64)) {
+            let problem = format!("is {}; give a number from {least} to {most} {unit}, such as 256", self.batch);
+            return bad(key, &problem);
         }
         if self.protocols.is_empty() {
             return bad("protocols", "is empty; write some of paper, literature, clean, av2, nuscenes, waymo");

@@ -5,12 +5,10 @@ use crate::comparison::{Comparison, Verdict};
 use crate::metric::{Metric, MetricKind};
 use crate::protocol::Protocol;
 use crate::score::Score;
-use crate::table::{Table, TableCell, site_name, sites, wrapped};
+use crate::table::{TERMINAL_WIDTH, Table, TableCell, site_name, sites, wrapped};
 
 /// Futures that the second column chooses from.
 const K: usize = 6;
-/// Widest the text for a terminal gets, in columns.
-const TERMINAL_WIDTH: usize = 80;
 /// Room for the names of models in it.
 const NAME_WIDTH: usize = 31;
 

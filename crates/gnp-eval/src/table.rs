@@ -2,6 +2,8 @@
 
 mod content;
 
+use std::ops::Range;
+
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, presets};
 
 pub use crate::table::content::{comparison_tables, tables};
@@ -10,9 +12,9 @@ pub(crate) use crate::table::content::{site_name, sites};
 use crate::bootstrap::Interval;
 
 /// Widest a terminal table gets, in columns.
-const TERMINAL_WIDTH: u16 = 100;
-/// Room that the models' names keep in it.
-const NAME_WIDTH: u16 = 12;
+pub(crate) const TERMINAL_WIDTH: usize = 80;
+/// Room that the models' names keep in it, if they are as long; longer ones wrap.
+const NAME_WIDTH: usize = 24;
 
 /// What a table must say that its scores do not.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,44 +78,23 @@ fn ends(interval: Interval) -> String {
 }
 
 impl Table {
-    /// For a terminal: at most 100 columns wide, no colour, intervals below their values.
+    /// For a terminal: at most 80 columns wide, no colour, intervals below their values. Columns that do not fit beside
+    /// each other follow below, under the names again.
     #[must_use]
     pub fn terminal(&self) -> String {
-        let mut table = comfy_table::Table::new();
-        table.load_preset(presets::UTF8_HORIZONTAL_ONLY);
-        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(TERMINAL_WIDTH);
         // Titles break after the quantity: `RMSE` above `5 s`.
-        table.set_header(self.header.iter().map(|title| title.replacen(' ', "\n", 1)));
-        for row in &self.rows {
-            table.add_row(row.iter().map(|cell| {
-                let inner = cell.interval.map(|interval| format!("\n{}", ends(interval)));
-                let outer = cell.by_event.map(|interval| format!("\n[{}]", ends(interval)));
-                format!("{}{}{}", cell.text, inner.unwrap_or_default(), outer.unwrap_or_default())
-            }));
+        let head: Vec<String> = self.header.iter().map(|title| title.replacen(' ', "\n", 1)).collect();
+        let cell = |cell: &TableCell| {
+            let inner = cell.interval.map(|interval| format!("\n{}", ends(interval)));
+            let outer = cell.by_event.map(|interval| format!("\n[{}]", ends(interval)));
+            format!("{}{}{}", cell.text, inner.unwrap_or_default(), outer.unwrap_or_default())
+        };
+        let rows: Vec<Vec<String>> = self.rows.iter().map(|row| row.iter().map(cell).collect()).collect();
+        let mut lines = wrapped(&self.caption, TERMINAL_WIDTH);
+        for band in bands(&head, &rows) {
+            lines.extend(beside(&head, &rows, &band).to_string().lines().map(|line| line.trim_end().to_owned()));
         }
-        let widths = table.column_max_content_widths();
-        let numbers: u16 = widths.iter().skip(1).map(|width| width + 1).sum();
-        for column in table.column_iter_mut() {
-            column.set_padding((0, 0)); // the empty rule between columns parts them
-            if column.index == 0 {
-                continue;
-            }
-            column.set_cell_alignment(CellAlignment::Right);
-            // Only names wrap, unless the numbers leave them no room.
-            if numbers + NAME_WIDTH <= TERMINAL_WIDTH {
-                column.set_constraint(ColumnConstraint::ContentWidth);
-            }
-        }
-        let mut text = String::new();
-        for line in wrapped(&self.caption, usize::from(TERMINAL_WIDTH))
-            .iter()
-            .map(String::as_str)
-            .chain(table.to_string().lines())
-        {
-            text += line.trim_end();
-            text += "\n";
-        }
-        text
+        lines.join("\n") + "\n"
     }
 
     /// For a document: a Markdown table below its caption, intervals in brackets.
@@ -129,6 +110,47 @@ impl Table {
         }
         text
     }
+}
+
+/// Columns after the first in runs that fit beside it.
+fn bands(head: &[String], rows: &[Vec<String>]) -> Vec<Range<usize>> {
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column)).chain(head.get(column));
+        cells.flat_map(|text| text.lines()).map(|line| line.chars().count()).max().unwrap_or(0)
+    };
+    let room = TERMINAL_WIDTH - width(0).min(NAME_WIDTH);
+    let (mut bands, mut used) = (Vec::new(), 0);
+    for column in 1..head.len() {
+        used += width(column) + 1;
+        match bands.last_mut() {
+            Some(Range { end, .. }) if used <= room => *end = column + 1,
+            _ => {
+                bands.push(column..column + 1);
+                used = width(column) + 1;
+            }
+        }
+    }
+    bands
+}
+
+/// The first column and those of a band.
+fn beside(head: &[String], rows: &[Vec<String>], band: &Range<usize>) -> comfy_table::Table {
+    let of = |row: &[String]| row.iter().take(1).chain(row.get(band.clone()).unwrap_or_default()).cloned().collect();
+    let mut table = comfy_table::Table::new();
+    table.load_preset(presets::UTF8_HORIZONTAL_ONLY);
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(TERMINAL_WIDTH as u16);
+    let (head, rows): (Vec<String>, Vec<Vec<String>>) = (of(head), rows.iter().map(|row| of(row)).collect());
+    table.set_header(head);
+    table.add_rows(rows);
+    for column in table.column_iter_mut() {
+        column.set_padding((0, 0)); // the empty rule between columns parts them
+        if column.index > 0 {
+            // Only names wrap.
+            column.set_cell_alignment(CellAlignment::Right);
+            column.set_constraint(ColumnConstraint::ContentWidth);
+        }
+    }
+    table
 }
 
 /// All tables as one CSV text (RFC 4180): one line a cell, with the columns `table`, `row`, `column`,

@@ -69,24 +69,50 @@ pub struct GoalShape {
 }
 
 impl GoalConfig {
+    /// Every number: key, least, most, unit. What is larger is a slip of the keyboard and would end in a failed
+    /// allocation.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 5] = [
+        ("width", 1., 8192., "units"),
+        ("heads", 1., 256., "heads"),
+        ("layers", 0., 128., "layers"),
+        ("feed_forward", 1., 64., "times the width"),
+        ("dropout", 0., 0.95, "of the values"),
+    ];
+
     /// # Errors
     /// When a setting is out of range; the message names the key and the remedy.
     pub fn check(&self) -> Result<(), GoalError> {
-        let wrong =
-            |key, value: String, remedy: &str| Err(GoalError::Setting { key, value, remedy: remedy.to_owned() });
-        for (key, value) in [("width", self.width), ("heads", self.heads), ("feed_forward", self.feed_forward)] {
-            if value == 0 {
-                return wrong(key, value.to_string(), "set it to 1 or more");
+        let wrong = |key, value: String, remedy| Err(GoalError::Setting { key, value, remedy });
+        let sizes = [self.width, self.heads, self.layers, self.feed_forward].map(|size| size as f64);
+        let values = sizes.into_iter().chain([f64::from(self.dropout)]);
+        for ((key, least, most, unit), value) in Self::RANGES.into_iter().zip(values) {
+            if !(least..=most).contains(&value) {
+                return wrong(key, value.to_string(), format!("give a number from {least} to {most} {unit}"));
             }
         }
         if !self.width.is_multiple_of(self.heads) {
             let remedy = format!("choose a divisor of goal.width, which is {}", self.width);
-            return wrong("heads", self.heads.to_string(), &remedy);
-        }
-        if !(0. ..1.).contains(&self.dropout) {
-            return wrong("dropout", self.dropout.to_string(), "set it to 0 or more and below 1");
+            return wrong("heads", self.heads.to_string(), remedy);
         }
         Ok(())
+    }
+
+    /// Number of weights of a network for data of `shape`, which need not be built for it.
+    #[must_use]
+    pub fn weights(&self, shape: &GoalShape) -> u64 {
+        let [width, layers, slots] = [self.width, self.layers, shape.slots].map(|size| size as u64);
+        let map = |inputs: usize, outputs: u64| (inputs as u64 + 1) * outputs;
+        let inputs = map(2 * shape.t_pred, width) + map(shape.observed, width) + map(shape.neighbour, width);
+        let heads = map(self.width, 1) + map(self.width, 2 * shape.t_pred as u64);
+        let learned = u64::from(self.null_token) * width + u64::from(self.slot_embedding) * slots * width;
+        inputs + (layers + 1) * self.layer_weights() + heads + learned
+    }
+
+    /// Number of weights of one layer: attention, two norms, feed-forward.
+    #[must_use]
+    pub fn layer_weights(&self) -> u64 {
+        let (width, hidden) = (self.width as u64, (self.feed_forward * self.width) as u64);
+        4 * (width + 1) * width + 4 * width + (width + 1) * hidden + (hidden + 1) * width
     }
 }
 
@@ -113,9 +139,8 @@ impl GoalShape {
 mod tests {
     use super::*;
 
-    #[test]
-    fn every_setting_out_of_range_is_named() {
-        let good = GoalConfig {
+    fn good() -> GoalConfig {
+        GoalConfig {
             width: 12,
             heads: 3,
             layers: 0,
@@ -126,13 +151,30 @@ mod tests {
             null_token: false,
             slot_embedding: false,
             zero_start: false,
-        };
+        }
+    }
+
+    #[test]
+    fn weights_are_counted_without_being_made() {
+        let shape = GoalShape { observed: 17, neighbour: 9, slots: 5, t_pred: 7 };
+        for config in [good(), GoalConfig { layers: 3, null_token: true, slot_embedding: true, ..good() }] {
+            let weights = gnp_nn::Weights::seeded(1, &candle_core::Device::Cpu);
+            crate::GoalNet::new(&config, shape, weights.builder()).unwrap();
+            assert_eq!(config.weights(&shape), weights.count() as u64);
+        }
+    }
+
+    #[test]
+    fn every_setting_out_of_range_is_named() {
+        let good = good();
         assert!(good.check().is_ok());
         for (bad, key) in [
             (GoalConfig { width: 0, ..good.clone() }, "goal.width"),
             (GoalConfig { heads: 0, ..good.clone() }, "goal.heads"),
             (GoalConfig { heads: 5, ..good.clone() }, "goal.heads"),
             (GoalConfig { feed_forward: 0, ..good.clone() }, "goal.feed_forward"),
+            (GoalConfig { width: 4_096_000, ..good.clone() }, "goal.width"),
+            (GoalConfig { layers: 100_000_000, ..good.clone() }, "goal.layers"),
             (GoalConfig { dropout: 1., ..good.clone() }, "goal.dropout"),
             (GoalConfig { dropout: -0.1, ..good.clone() }, "goal.dropout"),
             (GoalConfig { dropout: f32::NAN, ..good.clone() }, "goal.dropout"),

@@ -30,13 +30,18 @@ pub enum LabelDistance {
 }
 
 impl LabelConfig {
+    /// Every number: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 1] =
+        [("temperature", 1e-3, 1e6, "m (m² for squared_sum)")];
+
     /// # Errors
-    /// When the temperature is not above 0.
+    /// When the temperature is out of range.
     pub fn check(&self) -> Result<(), GoalError> {
-        if self.temperature > 0. && self.temperature.is_finite() {
+        let [(_, least, most, unit)] = Self::RANGES;
+        if (least..=most).contains(&self.temperature) {
             return Ok(());
         }
-        let remedy = "set it above 0, in m (m² for squared_sum)".to_owned();
+        let remedy = format!("give a number from {least} to {most} {unit}");
         Err(GoalError::Setting { key: "labels.temperature", value: self.temperature.to_string(), remedy })
     }
 }

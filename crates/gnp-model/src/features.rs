@@ -64,22 +64,31 @@ pub struct FeatureConfig {
 }
 
 impl FeatureConfig {
+    /// Every number: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 4] = [
+        ("length_scale", 1e-3, 1e4, "m"),
+        ("velocity_window_s", 0., 60., "s (0: one frame)"),
+        ("history_block_s", 0., 60., "s (0: every frame)"),
+        ("vehicles_ahead", 1., 2., "vehicles"),
+    ];
+
     /// Refuses values that cannot work.
     ///
     /// # Errors
     /// [`ModelError::Config`] with the key and the remedy.
     pub fn check(&self) -> Result<(), ModelError> {
-        if !(self.length_scale.is_finite() && self.length_scale > 0.) {
-            return Err(ModelError::config("features.length_scale", "must be a positive number of metres"));
-        }
-        if !(self.velocity_window_s.is_finite() && self.velocity_window_s >= 0.) {
-            return Err(ModelError::config("features.velocity_window_s", "must be 0 or a positive number of seconds"));
-        }
-        if !(self.history_block_s.is_finite() && self.history_block_s >= 0.) {
-            return Err(ModelError::config("features.history_block_s", "must be 0 or a positive number of seconds"));
-        }
-        if !(1..=2).contains(&self.vehicles_ahead) {
-            return Err(ModelError::config("features.vehicles_ahead", "must be 1 or 2"));
+        let values = [self.length_scale, self.velocity_window_s, self.history_block_s, self.vehicles_ahead as f64];
+        let keys = [
+            "features.length_scale",
+            "features.velocity_window_s",
+            "features.history_block_s",
+            "features.vehicles_ahead",
+        ];
+        for ((key, (_, least, most, unit)), value) in keys.into_iter().zip(Self::RANGES).zip(values) {
+            if !(least..=most).contains(&value) {
+                let problem = format!("is {value}; give a number from {least} to {most} {unit}");
+                return Err(ModelError::config(key, &problem));
+            }
         }
         if self.reference == ReferencePath::Platoon && self.representation == Representation::Position {
             let problem = "is \"platoon\", from which positions are not deviations: set representation = \"deviation\"";

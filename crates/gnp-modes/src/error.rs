@@ -12,7 +12,7 @@ pub enum ModeError {
         /// What it is set to.
         value: String,
         /// What to set it to.
-        remedy: &'static str,
+        remedy: String,
     },
     /// The futures are not `[n, t_pred, 2]`.
     #[error(

@@ -23,14 +23,23 @@ pub struct ModeParams {
 }
 
 impl ModeParams {
+    /// Every number: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 4] = [
+        ("modes", 1., 10_000., "modes"),
+        ("max_iterations", 1., 1e6, "iterations"),
+        ("restarts", 1., 1e4, "starts"),
+        // The largest number of TOML; other seeds come from sums and can be used.
+        ("seed", 0., i64::MAX as f64, ""),
+    ];
+
     /// # Errors
-    /// When a count is zero; the message names the key and the remedy.
+    /// When a count is out of its range; the message names the key and the remedy.
     pub fn check(&self) -> Result<(), ModeError> {
-        for (key, value) in
-            [("modes", self.modes), ("max_iterations", self.max_iterations), ("restarts", self.restarts)]
-        {
-            if value == 0 {
-                return Err(ModeError::Parameter { key, value: value.to_string(), remedy: "set it to 1 or more" });
+        let values = [self.modes, self.max_iterations, self.restarts].map(|count| count as f64);
+        for ((key, least, most, unit), value) in Self::RANGES.into_iter().zip(values) {
+            if !(least..=most).contains(&value) {
+                let remedy = format!("give a number from {least} to {most} {unit}");
+                return Err(ModeError::Parameter { key, value: value.to_string(), remedy });
             }
         }
         Ok(())

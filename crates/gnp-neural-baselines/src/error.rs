@@ -16,7 +16,7 @@ pub enum NeuralBaselineError {
         /// What was given.
         value: String,
         /// What to write instead.
-        remedy: &'static str,
+        remedy: String,
     },
     /// The windows do not suit the networks.
     #[error("these windows cannot be brought to the networks' frames: {problem}")]

@@ -69,37 +69,31 @@ pub struct Recipe {
 }
 
 impl Recipe {
+    /// Every number that is not of [`TrainConfig`]: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 6] = [
+        ("steps", 1., 1e6, "steps"),
+        ("warm_up", 0., 1., "of the passes (0: likelihood alone; 1: squared error alone)"),
+        ("unit_m", 1e-3, 1e3, "m, such as 0.3048"),
+        ("mirror", 0., 1., "of the windows (0: as published)"),
+        ("longitudinal_scale", 1., 4., "(1: none)"),
+        ("fused_targets", 0., 64., "vehicles (0: no fusion)"),
+    ];
+
     /// Whether every value can be used.
     ///
     /// # Errors
     /// [`NeuralBaselineError::Recipe`] with the first key that cannot, and what to write instead;
     /// [`NeuralBaselineError::Train`] for keys that the training loop checks.
     pub fn check(&self) -> Result<(), NeuralBaselineError> {
-        let refuse =
-            |key, value: f64, remedy| Err(NeuralBaselineError::Recipe { key, value: value.to_string(), remedy });
-        if self.steps == 0 {
-            return refuse("steps", 0., "train for 1 step or more");
-        }
-        if !(0. ..=1.).contains(&self.warm_up) {
-            return refuse(
-                "warm_up",
-                self.warm_up,
-                "give a share between 0 (likelihood alone) and 1 (squared error alone)",
-            );
-        }
-        if !(self.unit_m.is_finite() && self.unit_m > 0.) {
-            return refuse("unit_m", self.unit_m, "give a length in m, such as 0.3048");
-        }
-        if !(0. ..=1.).contains(&self.mirror) {
-            return refuse("mirror", self.mirror, "give a share between 0 (as published) and 1");
-        }
-        if !(self.longitudinal_scale.is_finite() && self.longitudinal_scale >= 1.) {
-            return refuse(
-                "longitudinal_scale",
-                self.longitudinal_scale,
-                "give a factor of 1 (none) or more, such as 1.2",
-            );
-        }
+        let values = [
+            self.steps as f64,
+            self.warm_up,
+            self.unit_m,
+            self.mirror,
+            self.longitudinal_scale,
+            self.fused_targets as f64,
+        ];
+        within(&Self::RANGES, &values)?;
         self.training(self.batch).check().map_err(|error| NeuralBaselineError::Train(Box::new(error)))
     }
 
@@ -133,6 +127,20 @@ impl Recipe {
             seed: self.seed,
         }
     }
+}
+
+/// Refuses the first of `values` that is not in its range.
+pub(crate) fn within(
+    ranges: &[(&'static str, f64, f64, &'static str)],
+    values: &[f64],
+) -> Result<(), NeuralBaselineError> {
+    for ((key, least, most, unit), value) in ranges.iter().zip(values) {
+        if !(least..=most).contains(&value) {
+            let remedy = format!("give a number from {least} to {most} {unit}");
+            return Err(NeuralBaselineError::Recipe { key, value: value.to_string(), remedy });
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

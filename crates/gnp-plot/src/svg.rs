@@ -128,13 +128,17 @@ pub(crate) fn number(value: f64) -> String {
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
+/// Text as content or attribute of an element. Control characters, which XML does not allow at all, become U+FFFD.
 pub(crate) fn escape(text: &str) -> String {
+    let allowed = |c: char| !c.is_control() && !matches!(c, '\u{fffe}' | '\u{ffff}') || matches!(c, '\t' | '\n' | '\r');
+    let text: String = text.chars().map(|c| if allowed(c) { c } else { char::REPLACEMENT_CHARACTER }).collect();
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Figure, Painter};
 
     #[test]
     fn numbers_are_short_and_finite() {
@@ -148,5 +152,14 @@ mod tests {
         svg.text([1., 2.], "a < b & \"c\"", "");
         let text = svg.finish(10., 20., "<t>", "d");
         assert!(text.contains("a &lt; b &amp; &quot;c&quot;") && text.contains("<title>&lt;t&gt;</title>"), "{text}");
+    }
+
+    /// A recording may be called so, and a figure that names it must be painted nevertheless.
+    #[test]
+    fn control_characters_do_not_spoil_the_picture() {
+        let mut svg = Svg::new();
+        svg.text([1., 2.], "a\u{1b}[2Jb\0\u{ffff}", "");
+        let figure = Figure { name: "f".into(), caption: String::new(), svg: svg.finish(10., 20., "t\u{7}", "d") };
+        assert!(Painter::new().png(&figure).is_ok(), "{}", figure.svg);
     }
 }

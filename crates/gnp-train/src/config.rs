@@ -35,33 +35,38 @@ pub struct TrainConfig {
 }
 
 impl TrainConfig {
+    /// Every number but those of the schedule: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 9] = [
+        ("epochs", 1., 1e6, "passes"),
+        // The activations of a batch are all in memory.
+        ("batch", 1., 65_536., "windows"),
+        ("epoch_windows", 0., 1e9, "windows (0: all)"),
+        ("site_sampling_exponent", 0., 1., "(0: every window alike; 1: every site alike)"),
+        ("learning_rate", 1e-12, 10., "(1e-3 is usual)"),
+        ("weight_decay", 0., 100., "(0: off)"),
+        ("clip_norm", 0., 1e6, "(0: off)"),
+        ("patience", 0., 1e6, "passes (0: off)"),
+        // The largest number of TOML.
+        ("seed", 0., i64::MAX as f64, ""),
+    ];
+
     /// Whether every value can be used.
     ///
     /// # Errors
     /// [`TrainError::Config`] with the first key that cannot, and what to write instead.
     pub fn check(&self) -> Result<(), TrainError> {
-        let positive = |x: f64| x.is_finite() && x > 0.;
-        let not_negative = |x: f64| x.is_finite() && x >= 0.;
-        let refuse = |key, value: String, remedy| Err(TrainError::Config { key, value, remedy });
-        if self.epochs == 0 {
-            return refuse("epochs", "0".into(), "train for 1 epoch or more");
-        }
-        if self.batch == 0 {
-            return refuse("batch", "0".into(), "put 1 window or more in a mini-batch");
-        }
-        if !(0. ..=1.).contains(&self.site_sampling_exponent) {
-            let remedy = "give a number between 0 (every window alike) and 1 (every site alike)";
-            return refuse("site_sampling_exponent", self.site_sampling_exponent.to_string(), remedy);
-        }
-        if !positive(self.learning_rate) {
-            return refuse("learning_rate", self.learning_rate.to_string(), "give a number above 0, such as 1e-4");
-        }
-        if !not_negative(self.weight_decay) {
-            return refuse("weight_decay", self.weight_decay.to_string(), "give 0 (off) or a number above 0");
-        }
-        if !not_negative(self.clip_norm) {
-            return refuse("clip_norm", self.clip_norm.to_string(), "give 0 (off) or a number above 0");
-        }
+        let values = [
+            self.epochs as f64,
+            self.batch as f64,
+            self.epoch_windows as f64,
+            self.site_sampling_exponent,
+            self.learning_rate,
+            self.weight_decay,
+            self.clip_norm,
+            self.patience as f64,
+        ];
+        // Seeds are added to each other and wrap around: each can be used.
+        within(&Self::RANGES, &values)?;
         self.schedule.check(self.epochs)
     }
 
@@ -87,6 +92,17 @@ impl TrainConfig {
         let (key, now, then) = pairs.into_iter().find(|(_, now, then)| now != then)?;
         Some(format!("`{key}` is {now} and was {then}"))
     }
+}
+
+/// Refuses the first of `values` that is not in its range; those of `ranges` that have no value here are not looked at.
+pub(crate) fn within(ranges: &[(&'static str, f64, f64, &'static str)], values: &[f64]) -> Result<(), TrainError> {
+    for ((key, least, most, unit), value) in ranges.iter().zip(values) {
+        if !(least..=most).contains(&value) {
+            let remedy = format!("give a number from {least} to {most} {unit}").trim_end().to_owned();
+            return Err(TrainError::Config { key, value: value.to_string(), remedy });
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ pub enum TrainError {
         /// What was given.
         value: String,
         /// What to write instead.
-        remedy: &'static str,
+        remedy: String,
     },
     /// A part of the split has no window.
     #[error("{stage}: the {part} part has no window; enlarge its share in the split or shorten the stride")]

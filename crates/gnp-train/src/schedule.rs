@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
+use crate::config::within;
 use crate::error::TrainError;
 
 /// How the learning rate changes over training: a factor on the configured one.
@@ -67,28 +68,39 @@ impl Schedule {
         }
     }
 
+    /// Every number of every kind: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 4] = [
+        ("schedule.factor", 1e-6, 10., "(0.5 halves the rate)"),
+        ("schedule.epochs", 0., 1e6, "passes"),
+        ("schedule.warm_up", 0., 1e6, "passes"),
+        ("schedule.floor", 0., 1., "of the rate"),
+    ];
+
     /// Whether it can be used over `epochs` epochs.
     ///
     /// # Errors
     /// [`TrainError::Config`] with the key and the remedy.
     pub fn check(&self, epochs: usize) -> Result<(), TrainError> {
-        let refuse = |key, value: String, remedy| Err(TrainError::Config { key, value, remedy });
+        let refuse =
+            |key, value: String, remedy: &str| Err(TrainError::Config { key, value, remedy: remedy.to_owned() });
+        let [of_factor, of_epochs, of_warm_up, of_floor] = Self::RANGES;
         match self {
             Self::Constant {} => Ok(()),
-            Self::Step { factor, .. } if !(factor.is_finite() && *factor > 0.) => {
-                refuse("schedule.factor", factor.to_string(), "give a number above 0, such as 0.5")
+            Self::Step { factor, epochs } => {
+                within(&[of_factor], &[*factor])?;
+                if !epochs.is_sorted_by(|a, b| a < b) {
+                    return refuse("schedule.epochs", format!("{epochs:?}"), "give growing numbers of epochs");
+                }
+                // They grow: the last one is the largest.
+                epochs.last().map_or(Ok(()), |last| within(&[of_epochs], &[*last as f64]))
             }
-            Self::Step { epochs, .. } if !epochs.is_sorted_by(|a, b| a < b) => {
-                refuse("schedule.epochs", format!("{epochs:?}"), "give growing numbers of epochs")
+            Self::Cosine { warm_up, floor } => {
+                within(&[of_warm_up, of_floor], &[*warm_up, *floor])?;
+                if *warm_up >= epochs as f64 {
+                    return refuse("schedule.warm_up", warm_up.to_string(), "give fewer passes than `epochs`");
+                }
+                Ok(())
             }
-            Self::Step { .. } => Ok(()),
-            Self::Cosine { warm_up, .. } if !(*warm_up >= 0. && *warm_up < epochs as f64) => {
-                refuse("schedule.warm_up", warm_up.to_string(), "give 0 or more epochs, fewer than `epochs`")
-            }
-            Self::Cosine { floor, .. } if !(0. ..=1.).contains(floor) => {
-                refuse("schedule.floor", floor.to_string(), "give a share between 0 and 1")
-            }
-            Self::Cosine { .. } => Ok(()),
         }
     }
 

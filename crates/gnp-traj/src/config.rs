@@ -3,6 +3,7 @@
 use gnp_force::Integrator;
 use serde::{Deserialize, Serialize};
 
+use crate::weights::Count;
 use crate::{TermConfig, TrajError};
 
 /// Sizes and physics of the neural social force; the published values are [`TrajConfig::published`].
@@ -81,44 +82,74 @@ impl TrajConfig {
         }
     }
 
+    /// Every number: key, least, most, unit. What is larger is a slip of the keyboard and would end in a failed
+    /// allocation or in numbers that are none.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 13] = [
+        ("hidden", 1., 8192., "units"),
+        ("embedding", 1., 8192., "units"),
+        ("latent_dim", 1., 8192., "units"),
+        ("encoder", 1., 8192., "units a layer"),
+        ("decoder", 1., 8192., "units a layer"),
+        ("tau_max", 1e-3, 1e3, "s"),
+        ("k_max", 1e-6, 1e4, "m/s²"),
+        ("k_max_line", 1e-6, 1e4, ""),
+        ("k_bias", -100., 100., ""),
+        ("r_col", 1e-2, 1e4, "m"),
+        ("input_scale.position", 1e-6, 1e3, "1/m"),
+        ("input_scale.velocity", 1e-6, 1e3, "s/m"),
+        ("network_period", 1., 1e4, "frames"),
+    ];
+    /// Range of the parameters of [`TrajConfig::terms`], whatever their units are; a law may know a closer one.
+    pub const TERM_PARAMETERS: (&'static str, f64, f64, &'static str) = ("terms.parameters.*", -1e6, 1e6, "");
+    /// Most layers of an encoder or a decoder.
+    pub const MOST_LAYERS: usize = 32;
+
+    /// Number of weights of both networks, which need not be built for it.
+    #[must_use]
+    pub fn weights(&self) -> u64 {
+        Count::of(self)
+    }
+
     /// Checks every value.
     ///
     /// # Errors
     /// Names the first key out of range and what it must be.
     pub fn check(&self) -> Result<(), TrajError> {
         let refuse = |key, value: String, remedy| Err(TrajError::Config { key, value, remedy });
-        for (key, width) in [("hidden", self.hidden), ("embedding", self.embedding), ("latent_dim", self.latent_dim)] {
-            if width == 0 {
-                return refuse(key, width.to_string(), "give at least 1 unit");
-            }
-        }
         for (key, widths) in [("encoder", &self.encoder), ("decoder", &self.decoder)] {
-            if widths.is_empty() || widths.contains(&0) {
-                return refuse(key, format!("{widths:?}"), "give at least one layer, each of at least 1 unit");
+            if !(1..=Self::MOST_LAYERS).contains(&widths.len()) {
+                let remedy = format!("give 1 to {} layers", Self::MOST_LAYERS);
+                return refuse(key, format!("of {} layers", widths.len()), remedy);
             }
         }
-        let positive = [
-            ("tau_max", self.tau_max),
-            ("k_max", self.k_max),
-            ("k_max_line", self.k_max_line),
-            ("r_col", self.r_col),
-            ("input_scale.position", self.input_scale.position),
-            ("input_scale.velocity", self.input_scale.velocity),
+        let one = |value: usize| vec![value as f64];
+        let each = |widths: &[usize]| widths.iter().map(|width| *width as f64).collect();
+        let values: [Vec<f64>; 13] = [
+            one(self.hidden),
+            one(self.embedding),
+            one(self.latent_dim),
+            each(&self.encoder),
+            each(&self.decoder),
+            vec![self.tau_max],
+            vec![self.k_max],
+            vec![self.k_max_line],
+            vec![self.k_bias],
+            vec![self.r_col],
+            vec![self.input_scale.position],
+            vec![self.input_scale.velocity],
+            one(self.network_period),
         ];
-        for (key, value) in positive {
-            if !(value.is_finite() && value > 0.) {
-                return refuse(key, value.to_string(), "give a positive number");
+        let parameters = self.terms.iter().flat_map(|term| term.parameters.values().copied()).collect();
+        let ranges = Self::RANGES.into_iter().chain([Self::TERM_PARAMETERS]);
+        for ((key, least, most, unit), values) in ranges.zip(values.into_iter().chain([parameters])) {
+            if let Some(value) = values.iter().find(|value| !(least..=most).contains(*value)) {
+                let remedy = format!("give a number from {least} to {most} {unit}").trim_end().to_owned();
+                return refuse(key, value.to_string(), remedy);
             }
-        }
-        if !self.k_bias.is_finite() {
-            return refuse("k_bias", self.k_bias.to_string(), "give a finite number");
         }
         if self.integrator == Integrator::RungeKutta4 {
             let remedy = "give explicit or semi_implicit; the networks run once a step";
-            return refuse("integrator", "runge_kutta4".to_owned(), remedy);
-        }
-        if self.network_period == 0 {
-            return refuse("network_period", "0".to_owned(), "give 1 to run the networks at every step");
+            return refuse("integrator", "runge_kutta4".to_owned(), remedy.to_owned());
         }
         Ok(())
     }
@@ -140,6 +171,9 @@ mod tests {
         };
         assert!(TrajConfig::published().check().is_ok());
         assert_eq!(refused(|c| c.hidden = 0), "hidden");
+        assert_eq!(refused(|c| c.hidden = 1_000_000), "hidden");
+        assert_eq!(refused(|c| c.encoder = vec![100_000_000_000]), "encoder");
+        assert_eq!(refused(|c| c.encoder = vec![1; 33]), "encoder");
         assert_eq!(refused(|c| c.encoder.clear()), "encoder");
         assert_eq!(refused(|c| c.decoder[1] = 0), "decoder");
         assert_eq!(refused(|c| c.r_col = 0.), "r_col");

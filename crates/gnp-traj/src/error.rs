@@ -12,7 +12,7 @@ pub enum TrajError {
         /// The value found.
         value: String,
         /// What it must be.
-        remedy: &'static str,
+        remedy: String,
     },
     /// A tensor of the batch has another shape than the others ask for.
     #[error("roll-out: `{name}` has shape {found:?}, expected {expected}")]

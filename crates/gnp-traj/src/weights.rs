@@ -3,6 +3,8 @@
 //! [`Net::build`] is the table. The graph's modules, the flat vector of the fused roll-out and with it the names in
 //! checkpoints are what different [`Builder`]s make of it.
 
+use std::convert::Infallible;
+
 use crate::TrajConfig;
 
 /// Both networks; `L` is a linear layer, `C` an LSTM cell, `M` linear layers with ReLU between them.
@@ -113,5 +115,59 @@ impl<T> Net<T> {
     pub(crate) fn iter(&self) -> impl Iterator<Item = &T> {
         let lists = [&self.enc_goal, &self.tau, &self.enc_nei, &self.k, &self.enc_line, &self.k_line];
         self.history_encoders.iter().flat_map(|x| [&x.emb, &x.cell, &x.out]).chain(lists.into_iter().flatten())
+    }
+}
+
+/// Counts the scalars of the layers.
+pub(crate) struct Count(u64);
+
+impl Count {
+    /// All of both networks.
+    pub(crate) fn of(cfg: &TrajConfig) -> u64 {
+        let mut count = Self(0);
+        let Ok(_) = Net::build(cfg, &mut count);
+        count.0
+    }
+
+    fn add(&mut self, inputs: usize, outputs: usize, biases: u64) {
+        self.0 += (inputs as u64 + biases) * outputs as u64;
+    }
+}
+
+impl Builder for Count {
+    type Linear = ();
+    type Cell = ();
+    type Mlp = ();
+    type Error = Infallible;
+
+    fn linear(&mut self, _: &str, inputs: usize, outputs: usize) -> Result<(), Infallible> {
+        self.add(inputs, outputs, 1);
+        Ok(())
+    }
+
+    fn cell(&mut self, _: &str, inputs: usize, hidden: usize) -> Result<(), Infallible> {
+        self.add(inputs + hidden, 4 * hidden, 2);
+        Ok(())
+    }
+
+    fn mlp(&mut self, _: &str, widths: &[usize], _: &[usize], _: Option<f64>) -> Result<(), Infallible> {
+        widths.windows(2).for_each(|pair| self.add(pair[0], pair[1], 1));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_counted_without_being_made() {
+        let published = TrajConfig::published();
+        let small = TrajConfig { hidden: 6, embedding: 5, encoder: vec![7], decoder: vec![9, 8], ..published.clone() };
+        for cfg in [TrajConfig { lines: true, ..small.clone() }, small, published] {
+            let weights = gnp_nn::Weights::seeded(1, &candle_core::Device::Cpu);
+            crate::SocialForce::new(&cfg, weights.builder()).unwrap();
+            assert_eq!(Count::of(&cfg), weights.count() as u64);
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! A run's configuration: one TOML file, every key written, any key overridden on the command line.
 
 mod keys;
+mod ranges;
 
 use std::fs;
 use std::path::Path;
@@ -125,6 +126,28 @@ impl RunConfig {
         }
     }
 
+    /// The configuration that a user names: one that comes with the project by its name, as for
+    /// [`RunConfig::embedded`], or a file. A file of such a name is given as `./ngsim`.
+    ///
+    /// # Errors
+    /// As [`RunConfig::embedded`] and [`RunConfig::read`]; where there is no such file the message says which names
+    /// there are.
+    pub fn named(name: &Path, set: &[Setting]) -> Result<Self> {
+        let known = EMBEDDED.map(|(name, _)| name);
+        match name.to_str().filter(|name| known.contains(name)) {
+            Some(name) => Self::embedded(name, set),
+            None if !name.exists() => {
+                bail!(
+                    Config,
+                    "there is no file {}; give one, or the name of a configuration that comes with the program: {}",
+                    name.display(),
+                    known.join(", ")
+                )
+            }
+            None => Self::read(name, set),
+        }
+    }
+
     /// Reads a file and applies settings.
     ///
     /// # Errors
@@ -139,10 +162,12 @@ impl RunConfig {
         let mut table: Table = text.parse().map_err(syntax)?;
         let reference: Table = REFERENCE.parse().map_err(syntax).context("the embedded configuration")?;
         keys::check(&table, &reference)?;
+        ranges::check(&table)?;
         // First as written, so that an error of the file has its line.
         let mut config: Self = toml::from_str(text).map_err(syntax)?;
         for setting in set {
             keys::set(&mut table, setting)?;
+            ranges::check(&table).with_context(|| format!("--set {}={}", setting.key, setting.text))?;
             let applied = Self::deserialize(table.clone()).map_err(syntax);
             config = applied.with_context(|| format!("--set {}={}", setting.key, setting.text))?;
         }
@@ -158,11 +183,12 @@ impl RunConfig {
         Self::parse(&self.to_toml()?, set)
     }
 
-    /// Checks every value.
-    fn check(&self) -> Result<()> {
-        if !(self.data.rate_hz.is_finite() && self.data.rate_hz > 0.) {
-            bail!(Config, "data.rate_hz = {}: give the recordings' frames per second", self.data.rate_hz);
-        }
+    /// Checks every value: of a file after its types, of a program's own configuration before it is used.
+    ///
+    /// # Errors
+    /// Names the first key that is out of its range or does not go with another one.
+    pub(crate) fn check(&self) -> Result<()> {
+        ranges::check(&Table::try_from(self).context("the configuration has no TOML form")?)?;
         self.windows.shape_for(self.data.rate_hz).context("[windows]")?;
         self.split.check().context("[split]")?;
         self.modes.check().context("[modes]")?;
@@ -184,9 +210,6 @@ impl RunConfig {
                  \"constant_velocity\"",
                 term.name
             );
-        }
-        if !self.predict.trust.is_valid() {
-            bail!(Config, "predict.trust = {}: give a share between 0 and 1, or \"fitted\"", self.predict.trust);
         }
         if self.features.representation == Representation::Position && self.predict.trust != Trust::Share(1.) {
             bail!(

@@ -111,6 +111,23 @@ impl Error {
         self.kept().is_some()
     }
 
+    /// Whether the disk, or the share of it that the user has, is full.
+    #[must_use]
+    pub fn is_disk_full(&self) -> bool {
+        let full = |error: &std::io::Error| {
+            matches!(error.kind(), std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded)
+        };
+        match self {
+            Self::Io(error) => full(error),
+            Self::While { source, .. } => source.is_disk_full(),
+            Self::Jobs { failed } => failed.iter().any(|(_, error)| error.is_disk_full()),
+            other => {
+                let causes = std::iter::successors(std::error::Error::source(other), |cause| cause.source());
+                causes.filter_map(|cause| cause.downcast_ref::<std::io::Error>()).any(full)
+            }
+        }
+    }
+
     /// The message with its causes, in one line.
     #[must_use]
     pub fn chain(&self) -> String {
@@ -177,5 +194,15 @@ mod tests {
         let error = failed.context("cannot read a").unwrap_err();
         assert_eq!(error.to_string(), "cannot read a");
         assert!(!error.is_stopped() && std::error::Error::source(&error).is_some());
+    }
+
+    #[test]
+    fn a_full_disk_is_found_behind_what_was_done() {
+        let full = || std::io::Error::from(std::io::ErrorKind::StorageFull);
+        let plain: Result<()> = Err(full()).context("cannot write a").context("goal failed");
+        let inner = gnp_eval::EvalError::Io { path: "p".into(), source: full() };
+        let wrapped: Result<()> = Err(inner).context("evaluate failed");
+        assert!(plain.unwrap_err().is_disk_full() && wrapped.unwrap_err().is_disk_full());
+        assert!(!Error::Io(std::io::ErrorKind::NotFound.into()).is_disk_full());
     }
 }

@@ -3,7 +3,7 @@
 mod find;
 mod text;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gnp_data::{
     Account, DataError, EditedScene, Forecast, Observation, Predictor as _, Recording, SceneEditError, Window,
@@ -14,6 +14,7 @@ use gnp_plot::{Figure, Mark, Scene, Source, VehicleBox, WhatIf, contributions, w
 
 use crate::error::{Error, Result, bail};
 use crate::figures;
+use crate::inside::inside;
 use crate::run::Run;
 
 /// Which forecast is asked for, and what is changed in its scene.
@@ -92,6 +93,15 @@ impl Explained {
     /// When one cannot be painted or written.
     pub fn save_figures(&self, out: &Path) -> Result<()> {
         figures::save(&self.figures, out)
+    }
+
+    /// The folder for its figures in that of the run: one for each recording, vehicle and frame.
+    ///
+    /// # Errors
+    /// When the recording has a name that leads out of the run folder.
+    pub fn folder(&self, run: &Run) -> Result<PathBuf> {
+        let WindowKey { recording, vehicle, t0, .. } = &self.key;
+        inside(&run.path().join("explain"), &format!("{recording}-{vehicle}-{t0}"))
     }
 }
 

@@ -3,12 +3,13 @@ mod folds;
 mod sumo;
 
 use self::folds::Folds;
-use crate::data::embedded_folder;
+use crate::data::source::read_all;
 use crate::error::{Context as _, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::folder::{write, write_json};
-use gnp_data::{Dataset, Expectation, Recording, discover, read};
+use crate::text::COLUMNS;
+use gnp_data::{Dataset, Recording};
 use gnp_force::{Driver, Mobil};
 use gnp_simulation::SimulationError;
 use gnp_simulation::drivers::{FitConfig, fit_drivers, fit_lane_changes};
@@ -63,15 +64,10 @@ impl RealismPlan {
 /// When recordings cannot be read, a run cannot be used or was trained on another kind of recordings, or a vehicle was seen by
 /// all runs.
 pub fn realism(plan: &RealismPlan, machine: &Machine) -> Result<Table> {
-    let folder = plan.data.clone().map_or_else(|| embedded_folder(plan.dataset), Ok)?;
     let mut sites: BTreeMap<(String, bool), Vec<Recording>> = BTreeMap::new();
-    let expect = Expectation { dataset: plan.dataset, rate_hz: None };
-    for source in discover(&folder, plan.dataset)? {
-        machine.stop.check()?;
-        for (recording, _) in read(&source, &expect)? {
-            let site = (recording.meta().site.clone(), recording.meta().simulated);
-            sites.entry(site).or_default().push(recording);
-        }
+    for recording in read_all(plan.dataset, plan.data.as_deref(), machine)? {
+        let site = (recording.meta().site.clone(), recording.meta().simulated);
+        sites.entry(site).or_default().push(recording);
     }
     let runs = plan.runs.iter().map(|folder| Run::open(folder, machine)).collect::<Result<Vec<Run>>>()?;
     if let Some(run) = runs.iter().find(|run| run.config().dataset != plan.dataset) {
@@ -108,19 +104,25 @@ pub fn realism_text(table: &Table) -> String {
         let simulated = if first.simulated { ", simulated" } else { "" };
         let (site, scenes, vehicles) = (&first.site, first.scenes, first.vehicles);
         let _ = writeln!(text, "\n{site}{simulated}: {scenes} scenes, {vehicles} scored vehicles");
-        let horizons = first.horizons.iter().map(|it| format!("{:>8}", format!("{:.0} s", it.horizon_s)));
+        let horizons = first.horizons.iter().map(|it| format!("{:>7}", format!("{:.0} s", it.horizon_s)));
         let horizons: String = horizons.collect();
-        let _ = writeln!(text, "{:<52}{horizons}  realism  contacts", "mean displacement, m, over the first");
+        let titles = format!("{horizons}{:>9}{:>9}", "realism", "contacts");
+        let room = COLUMNS.saturating_sub(titles.chars().count());
+        let line = |name: &str, numbers: &str| match name.chars().count() {
+            fits if fits <= room => format!("{name:<room$}{numbers}"),
+            _ => format!("{name}\n{:room$}{numbers}", ""),
+        };
+        let _ = writeln!(text, "{}", line("mean displacement, m, over the first", &titles));
         for row in rows {
             let name = format!("{}{}", row.system, if row.uses_future { " *" } else { "" });
-            let ade: String = row.horizons.iter().map(|it| format!("{:8.2}", it.ade.mean)).collect();
+            let ade: String = row.horizons.iter().map(|it| format!("{:7.2}", it.ade.mean)).collect();
             let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
             let (realism, contacts) = (number(row.realism.map(|it| it.mean)), number(row.contacts_per_vehicle_h));
-            let _ = writeln!(text, "{name:<52}{ade}{realism:>9}{contacts:>10}");
+            let _ = writeln!(text, "{}", line(&name, &format!("{ade}{realism:>9}{contacts:>9}")));
         }
     }
     text.push_str(
-        "\nContacts: of driven vehicles, a vehicle-hour. * uses what the vehicles did after the start: no forecast\n",
+        "\nContacts: of driven vehicles, a vehicle-hour.\n* uses what the vehicles did after the start: no forecast\n",
     );
     text
 }

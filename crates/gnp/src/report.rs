@@ -180,6 +180,7 @@ fn quality(report: &IngestSummary) -> ReportTable {
     for report in &report.recordings {
         notes.extend(report.quality.remarks().iter().map(|remark| format!("{}: {remark}", report.quality.recording)));
     }
+    notes.extend(report.omissions());
     ReportTable {
         title: "What was read, and what was left out".to_owned(),
         head: head.map(str::to_owned).to_vec(),

@@ -16,6 +16,7 @@ use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::evaluation;
 use crate::machine::Machine;
+use crate::needs;
 use crate::report;
 use crate::run::Run;
 use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
@@ -126,6 +127,7 @@ impl Plan {
 
 /// Ingests into a new run folder, which appears when everything is read.
 fn start(config: &RunConfig, plan: &Plan, machine: &Machine, split: bool) -> Result<Run> {
+    needs::check_before(config, machine)?;
     let draft = Draft::start(&plan.out, "go on with it by --resume, or take another --out")?;
     let from = plan.from.as_deref().map(Finished::open).transpose()?;
     let origin = from.map(|from| from.copy(config, draft.path())).transpose()?;
@@ -193,6 +195,7 @@ impl Run {
             return Ok(());
         }
         self.folder.require(stage)?;
+        needs::check_stage(self)?;
         let started = Instant::now();
         let root = self.folder.root().to_owned();
         let done = match stage {

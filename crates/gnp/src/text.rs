@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// Longest line of text.
-pub const COLUMNS: usize = 100;
+pub const COLUMNS: usize = 80;
 
 /// Every line that is longer than [`COLUMNS`] broken between words, what follows indented; other lines as they are.
 #[must_use]

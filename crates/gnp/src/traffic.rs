@@ -20,6 +20,7 @@ use serde_json::Value;
 use crate::config::RunConfig;
 use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
+use crate::inside::inside;
 use crate::machine::Machine;
 use crate::run::folder::{write, write_json};
 
@@ -181,7 +182,7 @@ pub fn measure(config: &RunConfig, data_dir: Option<&Path>, out: &Path, machine:
         let meta = recording.meta();
         work.at(done as u64, &meta.name);
         let source = Source { words: format!("{}, {}", meta.name, meta.site), simulated: meta.simulated };
-        let folder = out.join(&meta.name);
+        let folder = inside(out, &meta.name)?;
         clear(&folder)?;
         let traffic = Traffic::new(recording, Course::Open)?;
         all.push(measure_one(&traffic, Settings::default(), &source, &folder, "", None, machine)?);

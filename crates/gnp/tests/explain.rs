@@ -42,6 +42,14 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
     assert!(part.abs() > 0.5 && explained.changed.is_none(), "{part}");
     let names = |explained: &Explained| explained.figures.iter().map(|figure| figure.name.clone()).collect::<Vec<_>>();
     assert_eq!(names(&explained), ["contributions"]);
+    // Its figures stay in the run, whatever a stranger called the recording.
+    let folder = explained.folder(&run).unwrap();
+    assert!(folder.starts_with(run.path().join("explain")), "{}", folder.display());
+    for name in ["../../elsewhere", "/elsewhere"] {
+        let mut named = explained.clone();
+        named.key.recording = name.to_owned();
+        assert!(named.folder(&run).unwrap_err().to_string().contains("no name of something in this folder"));
+    }
 
     // The same by its name; without its leader nobody else's part is his.
     let key = explained.key.clone();

@@ -57,6 +57,21 @@ fn recordings_are_measured_and_say_that_they_are_real() {
     assert!(all.iter().all(|measured| FILES[1..].iter().all(|file| measured.out.join(file).is_file())));
 }
 
+/// The name of a recording is that of its file, and a stranger's: it does not lead out of the folder that is written.
+#[test]
+fn what_is_measured_is_written_inside_the_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let fixture = gnp::embedded_folder(Dataset::NGSIM).unwrap().join("us101-4_1.csv.gz");
+    let upwards = folder.path().join("...csv.gz");
+    std::fs::copy(fixture, &upwards).unwrap();
+    let out = folder.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    let config = RunConfig::embedded("ngsim", &[]).unwrap();
+    let error = measure(&config, Some(&upwards), &out, &Machine::default()).unwrap_err().to_string();
+    assert!(error.contains("\"..\" is no name of something in this folder"), "{error}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is written beside the folder");
+}
+
 #[test]
 fn traffic_drives_on_from_a_recorded_scene() {
     let folder = tempfile::tempdir().unwrap();

@@ -66,6 +66,7 @@ mod tests {
             name: name.to_owned(),
             dependencies: Vec::new(),
             features: features.iter().map(|feature| ((*feature).to_owned(), Vec::new())).collect(),
+            manifest_path: std::path::PathBuf::new(),
         };
         let packages = [package("a", &["default", "readers"]), package("b", &["cuda", "rerun"]), package("c", &[])];
         assert_eq!(cases(&packages, Extent::Short), [("a", None), ("a", Some("readers"))]);

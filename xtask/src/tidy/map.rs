@@ -4,9 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use anyhow::{Context as _, Result};
-use serde::Deserialize;
 
-use crate::workspace::{self, Package, Workspace};
+use crate::workspace::{self, Lock, Package, Workspace};
 
 /// The document with the map, and the crate that stands alone with what it must never come to need.
 const DOCUMENT: &str = "docs/architecture.md";
@@ -16,25 +15,11 @@ const STRANGERS: [&str; 3] = ["gnp-", "candle", "polars"];
 /// Who depends on whom: crate to the crates of this project that it uses.
 type Edges = BTreeMap<String, BTreeSet<String>>;
 
-/// What `Cargo.lock` tells.
-#[derive(Deserialize)]
-struct Lock {
-    package: Vec<Locked>,
-}
-
-#[derive(Deserialize)]
-struct Locked {
-    name: String,
-    #[serde(default)]
-    dependencies: Vec<String>,
-}
-
 /// Findings about the map.
 pub(super) fn check(root: &Path) -> Result<Vec<String>> {
     let metadata = workspace::read(root)?;
     let document = std::fs::read_to_string(root.join(DOCUMENT)).with_context(|| format!("cannot read {DOCUMENT}"))?;
-    let lock = std::fs::read_to_string(root.join("Cargo.lock")).context("cannot read Cargo.lock")?;
-    let lock: Lock = toml::from_str(&lock).context("Cargo.lock")?;
+    let lock = workspace::lock(root)?;
     let mut findings = compare(&documented(&document), &edges(&metadata));
     findings.extend(alone(&metadata, &lock));
     Ok(findings)

@@ -30,7 +30,7 @@ pub struct CompareArgs {
     /// over them, and intervals draw them. GNP as published is trained with the first alone.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) seeds: Option<u16>,
-    /// Also train GNP as published on the same windows: as this configuration says [default: configs/paper/NAME.toml].
+    /// Also train GNP as published on the same windows: as this configuration says [default: paper/NAME].
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     #[expect(clippy::option_option, reason = "absent, given, given with a file")]
     pub(crate) published: Option<Option<PathBuf>>,

@@ -147,6 +147,22 @@ fn recordings_become_a_model_and_scores_the_same_ones_every_time() {
     let windows = json(&scored.join("eval.json"))["windows"].as_u64().unwrap();
     let ingested = json(&scored.join("ingest.json"))["recordings"][0]["windows"]["windows"].as_u64().unwrap();
     assert_eq!(windows, ingested);
+    assert_eq!(json(&scored.join("eval.json"))["windows_of_training"], 0);
+
+    // On a copy of what it was trained on, that is said.
+    let (again, copy) = (out.path().join("again"), TempDir::new().unwrap());
+    fs::copy(data.path().join("us101-13_1.csv.gz"), copy.path().join("renamed.txt.gz")).unwrap();
+    let arguments = ["eval", "--run", first.to_str().unwrap(), "--data-dir", copy.path().to_str().unwrap(), "--out"];
+    let said = run(&[&arguments[..], &[again.to_str().unwrap()]].concat()).well().out;
+    let state = json(&again.join("eval.json"));
+    let [seen, all] = ["windows_of_training", "windows"].map(|key| state[key].as_u64().unwrap());
+    let split = json(&first.join("split.json"));
+    let starts = |part: &str| -> usize {
+        split[part]["us101-13_1"].as_array().unwrap().iter().map(|it| it["t0"].as_array().unwrap().len()).sum()
+    };
+    assert_eq!(seen as usize, starts("train") + starts("validation"));
+    assert_eq!(all as usize, starts("train") + starts("validation") + starts("test"));
+    assert!(said.contains(&format!("{seen} of {all} windows are of what the run was trained or tuned on")), "{said}");
 }
 
 #[test]

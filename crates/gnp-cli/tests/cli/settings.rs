@@ -4,7 +4,7 @@ use std::fs;
 
 use tempfile::TempDir;
 
-use crate::program::{names, run, smoke};
+use crate::program::{Finished, names, program, run, smoke};
 
 #[test]
 fn an_unknown_key_is_refused_with_those_near_it() {
@@ -35,6 +35,52 @@ fn a_key_too_many_in_the_file_is_refused_with_its_path() {
 fn the_data_set_must_be_that_of_the_configuration() {
     run(&["pipeline", "--dataset", "highd", "--config", smoke().to_str().unwrap()]).badly(&["--dataset highd"]);
     run(&["pipeline"]).badly(&["--dataset ngsim", "--config"]);
+}
+
+#[test]
+fn a_configuration_that_comes_with_the_program_has_a_name_everywhere() {
+    let elsewhere = TempDir::new().unwrap();
+    let from = |config: &str| {
+        let data = elsewhere.path().join("gone");
+        let arguments = ["pipeline", "--config", config, "--data-dir", data.to_str().unwrap()];
+        Finished::from(program(&arguments).current_dir(elsewhere.path()).output().unwrap())
+    };
+    // It is found: what is missing is the data.
+    from("paper/highd").badly(&["gone"]);
+    from("smoke").badly(&["gone"]);
+    from("configs/ngsim.toml").badly(&["there is no file configs/ngsim.toml", "ngsim, highd, smoke, paper/ngsim"]);
+}
+
+/// In milliseconds, before anything is read: the folder of data does not even exist.
+#[test]
+fn what_no_memory_holds_is_refused_before_anything_is_read() {
+    let out = TempDir::new().unwrap();
+    let place = out.path().join("run");
+    let refused = |settings: &[&str]| {
+        let mut arguments = vec!["pipeline", "--config", "smoke", "--data-dir", "gone", "--out"];
+        arguments.push(place.to_str().unwrap());
+        settings.iter().for_each(|setting| arguments.extend(["--set", setting]));
+        let finished = run(&arguments);
+        assert_eq!(names(out.path()), [""; 0], "something was written");
+        finished
+    };
+    for (setting, range) in [
+        ("evaluate.bootstrap.resamples=1000000000000", "evaluate.bootstrap.resamples = 1000000000000: give a number"),
+        ("goal.width=4096000", "goal.width = 4096000: give a number from 1 to 8192 units"),
+        ("traj.hidden=1000000", "traj.hidden = 1000000: give a number from 1 to 8192 units"),
+        ("traj.encoder=[100000000000]", "traj.encoder = 100000000000: give a number from 1 to 8192 units a layer"),
+        ("goal.layers=100000000", "goal.layers = 100000000: give a number from 0 to 128 layers"),
+        ("windows.predicted_s=1e9", "windows.predicted_s = 1000000000: give a number from 0.001 to 600 s"),
+    ] {
+        refused(&[setting]).badly(&[range]);
+    }
+    // In its range, and terabytes.
+    #[cfg(target_os = "linux")]
+    refused(&["goal.width=8192", "goal.layers=128"]).badly(&[
+        "the training of the goal network would need about ",
+        "GB of memory, and there are ",
+        "weights of the goal network, with gradients and moments (goal.width, goal.layers",
+    ]);
 }
 
 #[test]

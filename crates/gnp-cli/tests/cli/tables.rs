@@ -422,6 +422,11 @@ fn predictions_of_others_are_scored_like_ours() {
         "recording us101-13_1, vehicle ",
         "more",
     ]);
+    // Of what is not there at all nothing is passed over.
+    let fewer = self::data(&SCENES[..1]);
+    let fewer = fewer.path().to_str().unwrap();
+    score(&["--config", "smoke", "--data-dir", fewer])
+        .badly(&["has predictions for what is not in these recordings: recording us101-", "leave these rows out"]);
     score(&["--dataset", "highd"]).badly(&["predictions for ngsim, not for highd"]);
     score(&["--dataset", "ngsim", "--run", made_text, "--out", place_text]).badly(&["not empty"]);
 }

@@ -14,8 +14,17 @@ use crate::error::DataError;
 
 mod checks;
 mod diagnosis;
-mod gzip;
+pub(super) mod gzip;
 pub(super) mod sniff;
+
+/// Most columns of a table. The widest that is read has 25.
+const MAX_COLUMNS: usize = 1024;
+
+/// Most different words of a column: sites and classes are a few.
+const MAX_WORDS: usize = 256;
+
+/// Most rows of a table; rows are numbered in 32 bits.
+const MAX_ROWS: usize = u32::MAX as usize - 1;
 
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,9 +72,19 @@ impl Table {
         Self { file: file.into(), columns: header.names, separator: header.separator, has_header: true }
     }
 
-    /// Place of the column that has one of these names; the first is the one to ask for.
-    pub(super) fn find(&self, names: &[&str]) -> Option<usize> {
-        self.columns.iter().position(|column| names.iter().any(|name| column.eq_ignore_ascii_case(name)))
+    /// The column that has one of these names, if there is one; two are one too many.
+    pub(super) fn find(&self, names: &[&str], kind: Kind) -> Result<Option<Wanted>, DataError> {
+        let named = |column: &str| names.iter().any(|name| column.eq_ignore_ascii_case(name));
+        let mut places = self.columns.iter().enumerate().filter(|(_, column)| named(column)).map(|(place, _)| place);
+        match (places.next(), places.next()) {
+            (Some(first), Some(second)) => Err(DataError::DuplicateColumn {
+                file: self.file.clone(),
+                column: self.columns[second].clone(),
+                first: first + 1,
+                second: second + 1,
+            }),
+            (first, _) => Ok(first.map(|index| Wanted { index, kind })),
+        }
     }
 
     /// A column that must be there.
@@ -75,11 +94,15 @@ impl Table {
             column: name.to_owned(),
             found: self.columns.join(", "),
         };
-        Ok(Wanted { index: self.find(&[name]).ok_or_else(missing)?, kind })
+        self.find(&[name], kind)?.ok_or_else(missing)
     }
 
     /// The wanted columns, in the order asked for.
     pub(super) fn read(&self, wanted: &[Wanted]) -> Result<Vec<Values>, DataError> {
+        if self.columns.len() > MAX_COLUMNS {
+            let reason = format!("it has {} columns, more than {MAX_COLUMNS}", self.columns.len());
+            return Err(DataError::Table { file: self.file.clone(), reason });
+        }
         let mut sorted: Vec<usize> = (0..wanted.len()).collect();
         sorted.sort_unstable_by_key(|i| wanted[*i].index);
         let ordered: Vec<Wanted> = sorted.iter().map(|i| wanted[*i]).collect();
@@ -142,21 +165,25 @@ impl Table {
         if block.bytes.iter().all(u8::is_ascii_whitespace) {
             return Ok(());
         }
-        if self.separator == Separator::Comma && self.is_even(&block.bytes) {
-            let frame = self.parse(&block.bytes, wanted, false);
-            if let Some(read) = frame.ok().and_then(|frame| columns(&frame, wanted)) {
-                extend(values, read);
-                return Ok(());
-            }
+        let fast = self.separator == Separator::Comma && self.is_even(&block.bytes);
+        let fast = if fast { self.parse(&block.bytes, wanted, false).ok() } else { None };
+        let read = fast.and_then(|frame| columns(&frame, wanted)).or_else(|| self.read_tidy(&block.bytes, wanted));
+        if read.is_none_or(|read| extend(values, read).is_none()) {
+            return Err(diagnosis::first_fault(self, block, wanted, values));
         }
-        // Blank lines, blanks for commas, thousands between quotes, `5.0` for `5`: repaired here.
-        let tidy = diagnosis::tidy(&block.bytes, self.separator);
-        let frame = if self.is_even(&tidy) { self.parse(&tidy, wanted, true).ok() } else { None };
-        if let Some(read) = frame.and_then(|frame| columns(&frame, wanted)) {
-            extend(values, read);
-            return Ok(());
+        if values.first().is_some_and(|column| column.len() > MAX_ROWS) {
+            let reason = format!("it has more than {MAX_ROWS} rows: cut it into several");
+            return Err(DataError::Table { file: self.file.clone(), reason });
         }
-        Err(diagnosis::first_fault(self, block, wanted))
+        Ok(())
+    }
+
+    /// The wanted columns of lines that need repair: blank lines, blanks for commas or around values, thousands between
+    /// quotes, `5.0` for `5`. `None` where they cannot be read.
+    fn read_tidy(&self, bytes: &[u8], wanted: &[Wanted]) -> Option<Vec<Values>> {
+        let tidy = diagnosis::tidy(bytes, self.separator);
+        let frame = if self.is_even(&tidy) { self.parse(&tidy, wanted, true).ok()? } else { return None };
+        columns(&frame, wanted)
     }
 
     /// Whether the number of commas is that of a table in which every line has all fields: polars
@@ -296,7 +323,7 @@ pub(super) fn whole(value: f64, limit: f64) -> Option<i64> {
     (value.fract() == 0. && value.abs() <= limit).then_some(value as i64)
 }
 
-/// Code of `word`, which is mostly that of the row before.
+/// Code of `word`, which is mostly that of the row before; `None` when there are too many.
 fn code(words: &mut Vec<String>, last: Option<u16>, word: &str) -> Option<u16> {
     if let Some(last) = last
         && words.get(usize::from(last)).is_some_and(|have| have == word)
@@ -307,7 +334,7 @@ fn code(words: &mut Vec<String>, last: Option<u16>, word: &str) -> Option<u16> {
         words.push(word.to_owned());
         words.len() - 1
     });
-    u16::try_from(place).ok()
+    u16::try_from(place).ok().filter(|_| words.len() <= MAX_WORDS)
 }
 
 fn join<'a, T: Copy + 'a>(parts: impl Iterator<Item = &'a [T]>) -> Vec<T> {
@@ -318,19 +345,21 @@ fn join<'a, T: Copy + 'a>(parts: impl Iterator<Item = &'a [T]>) -> Vec<T> {
     all
 }
 
-fn extend(values: &mut [Values], read: Vec<Values>) {
+/// Adds rows; `None` when a column has too many different words then.
+fn extend(values: &mut [Values], read: Vec<Values>) -> Option<()> {
     for (all, more) in values.iter_mut().zip(read) {
         match (all, more) {
             (Values::Whole(all), Values::Whole(more)) => append(all, more),
             (Values::Time(all), Values::Time(more)) => append(all, more),
             (Values::Real(all), Values::Real(more)) => append(all, more),
             (Values::Word(all, words), Values::Word(more, new)) => {
-                let codes: Vec<u16> = new.iter().filter_map(|word| code(words, None, word)).collect();
+                let codes = new.iter().map(|word| code(words, None, word)).collect::<Option<Vec<u16>>>()?;
                 all.extend(more.into_iter().filter_map(|c| codes.get(usize::from(c))));
             }
             _ => {}
         }
     }
+    Some(())
 }
 
 fn append<T>(all: &mut Vec<T>, mut more: Vec<T>) {

@@ -4,12 +4,16 @@
 
 mod bad_input;
 mod cache;
+mod contradictions;
+mod copies;
+mod files;
 mod highd;
 mod layouts;
 mod leaders;
 mod merged;
 mod ngsim;
 mod quality;
+mod text;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -25,7 +29,7 @@ fn put(folder: &Path, name: &str, text: &str) -> PathBuf {
 }
 
 fn gzip(text: &str) -> Vec<u8> {
-    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
     encoder.write_all(text.as_bytes()).unwrap();
     encoder.finish().unwrap()
 }

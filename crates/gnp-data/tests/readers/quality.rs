@@ -71,8 +71,9 @@ fn overlapping_boxes_are_counted_by_frame() {
 
 #[test]
 fn a_lane_taken_up_again_within_a_second_is_a_flip() {
-    let change =
-        |frames: std::ops::Range<usize>| quality(move |rows| rows[frames.clone()].iter_mut().for_each(|r| r.lane = 2));
+    let change = |frames: std::ops::Range<usize>| {
+        quality(move |rows| rows[frames.clone()].iter_mut().for_each(|r| (r.lane, r.x) = (2, 13.)))
+    };
     assert_eq!(change(20..30).lane_flips, 1, "1.0 s");
     assert_eq!(change(20..31).lane_flips, 0, "1.1 s");
     assert_eq!(change(40..60).lane_flips, 0, "a change for good");

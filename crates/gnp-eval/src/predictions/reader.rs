@@ -21,6 +21,10 @@ use columns::{Columns, Explained, GroupRows};
 /// Longest path that is believed, steps: beyond it a step number is taken for a mistake.
 const MAX_STEPS: i64 = 100_000;
 
+/// Farthest position that is believed, m from the window's origin: nobody drives there within a window, and
+/// positions on the road instead of in the window's frame are mostly farther.
+pub(super) const FARTHEST_M: f32 = 10_000.;
+
 /// How much of a prediction file to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
@@ -59,7 +63,7 @@ struct Row {
 ///
 /// # Errors
 /// When the file is not Parquet (uncompressed or snappy), a required column is missing or of another
-/// type, a value is missing or no usable number, a mode's steps are not 1, 2, 3, ... once each, its
+/// type, a value is missing or no usable number, a position is farther than 10 km from its window's origin, a mode's steps are not 1, 2, 3, ... once each, its
 /// rows differ in probability, or there is no row. Whether probabilities sum to 1 and paths have the
 /// length of their windows shows when they are scored.
 pub fn read_predictions(path: &Path, detail: Detail) -> Result<Predictions, EvalError> {
@@ -141,7 +145,7 @@ impl Content {
                 step: group.whole(i, "step", 1..MAX_STEPS)? as u32,
                 segment: group.segment(i)?,
                 probability: group.number(i, "probability")?,
-                at: [group.number(i, "x")?, group.number(i, "y")?],
+                at: [group.position(i, "x")?, group.position(i, "y")?],
                 origin: group.origin(i),
                 explanation,
                 leader: group.leader(i),

@@ -396,6 +396,13 @@ fn cells_without_a_usable_value_are_named() {
     assert_eq!(with(|f| f.number[1][2] = None), cell(2, "x", "is null"));
     assert_eq!(with(|f| f.number[2][1] = Some(f64::NAN)), cell(1, "y", "is NaN, not finite"));
     assert_eq!(with(|f| f.number[2][1] = Some(1e300)), cell(1, "y", "is inf, not finite"));
+    // Positions on the road, or nonsense: not in the frame of a window.
+    for far in [1e30, -12_000., 10_001.] {
+        let mut foreign = Foreign::new();
+        foreign.number[1][2] = Some(far);
+        let message = foreign.problem().to_string();
+        assert!(message.contains("row 2, column `x`") && message.contains("farther than 10000 m"), "{message}");
+    }
     assert_eq!(with(|f| f.whole[0][3] = -1), cell(3, "vehicle", "is -1, needed is 0 to 4294967295"));
     assert_eq!(with(|f| f.whole[3][0] = 0), cell(0, "step", "is 0, needed is 1 to 99999"));
 }

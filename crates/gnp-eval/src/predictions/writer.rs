@@ -1,6 +1,7 @@
 //! Writing prediction files.
 
 use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -147,7 +148,7 @@ impl PredictionWriter {
     pub fn finish(mut self) -> Result<(), EvalError> {
         self.flush()?;
         let parquet = self.open()?;
-        parquet.close().map_err(|source| EvalError::Parquet { path: self.path.clone(), source })?;
+        parquet.close().map_err(|error| not_written(&self.path, error))?;
         self.file.persist(&self.path).map_err(|error| EvalError::Io { path: self.path, source: error.error })?;
         Ok(())
     }
@@ -176,7 +177,7 @@ impl PredictionWriter {
             .set_key_value_metadata(Some(provenance.key_values(&columns.terms)))
             .build();
         let begin = || SerializedFileWriter::new(handle, parquet_schema(&columns.explaining)?, Arc::new(properties));
-        begin().map_err(|source| EvalError::Parquet { path: self.path.clone(), source })
+        begin().map_err(|error| not_written(&self.path, error))
     }
 
     fn flush(&mut self) -> Result<(), EvalError> {
@@ -189,11 +190,23 @@ impl PredictionWriter {
             self.rows.write(&mut group)?;
             group.close()
         };
-        write().map(drop).map_err(|source: ParquetError| EvalError::Parquet { path: self.path.clone(), source })?;
+        write().map(drop).map_err(|error| not_written(&self.path, error))?;
         let columns = self.rows.explaining.len();
         self.rows = Rows { explaining: vec![Nullable::default(); columns], ..Rows::new() };
         self.parquet = Some(parquet);
         Ok(())
+    }
+}
+
+/// Why a file cannot be written: what the system said, where it was the system, such as that the disk is full.
+fn not_written(path: &Path, error: ParquetError) -> EvalError {
+    let path = path.to_owned();
+    match error {
+        ParquetError::External(cause) => match cause.downcast::<io::Error>() {
+            Ok(source) => EvalError::Io { path, source: *source },
+            Err(cause) => EvalError::WriteParquet { path, source: ParquetError::External(cause) },
+        },
+        source => EvalError::WriteParquet { path, source },
     }
 }
 
@@ -253,4 +266,50 @@ fn write_column<D: DataType>(
     let Some(mut column) = group.next_column()? else { return Ok(()) };
     column.typed::<D>().write_batch(values, present, None)?;
     column.close()
+}
+
+#[cfg(test)]
+mod tests {
+    use gnp_data::{Dataset, Mode};
+
+    use super::*;
+
+    fn provenance() -> Provenance {
+        Provenance {
+            model: "m".to_owned(),
+            dataset: Dataset::NGSIM,
+            rate_hz: 10.,
+            uses_future: false,
+            simulated: false,
+        }
+    }
+
+    /// `/dev/full` takes nothing, as a full disk does.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_is_said_to_be_full() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut writer = PredictionWriter::create(&folder.path().join("p.parquet"), &provenance()).unwrap();
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        writer.settle(None);
+        let schema = parquet_schema(&writer.columns.as_ref().unwrap().explaining).unwrap();
+        writer.parquet = Some(SerializedFileWriter::new(full, schema, Arc::default()).unwrap());
+        let key = WindowKey { recording: "a".to_owned(), vehicle: 1, segment: 0, t0: 30 };
+        let forecast = Forecast { modes: vec![Mode { probability: 1., path: vec![[1., 0.]; 50], explanation: None }] };
+        writer.write(&key, [0.; 2], &forecast).unwrap();
+        match writer.finish().unwrap_err() {
+            EvalError::Io { path, source } => {
+                assert_eq!(source.kind(), io::ErrorKind::StorageFull);
+                assert!(path.ends_with("p.parquet"));
+            }
+            other => panic!("{other}"),
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no temporary file stays");
+    }
+
+    #[test]
+    fn what_only_parquet_refuses_is_not_taken_for_a_file_to_read() {
+        let error = not_written(Path::new("p.parquet"), ParquetError::General("too few values".to_owned()));
+        assert_eq!(error.to_string(), "cannot write p.parquet as Parquet");
+    }
 }

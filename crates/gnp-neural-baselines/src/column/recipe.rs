@@ -4,6 +4,7 @@ use gnp_train::{Schedule, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::error::NeuralBaselineError;
+use crate::recipe::within;
 
 /// Form and training of a [`ColumnNetwork`](crate::ColumnNetwork).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,22 +29,17 @@ pub struct ColumnRecipe {
 }
 
 impl ColumnRecipe {
+    /// Every number that is not of [`TrainConfig`]: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 3] =
+        [("networks", 1., 100., "networks"), ("hidden", 1., 8192., "units"), ("dropout", 0., 0.95, "of the units")];
+
     /// Whether every value can be used.
     ///
     /// # Errors
     /// [`NeuralBaselineError::Recipe`] with the first key that cannot, and what to write instead;
     /// [`NeuralBaselineError::Train`] for keys that the training loop checks.
     pub fn check(&self) -> Result<(), NeuralBaselineError> {
-        let refuse = |key, value: String, remedy| Err(NeuralBaselineError::Recipe { key, value, remedy });
-        if self.networks == 0 {
-            return refuse("networks", "0".to_owned(), "take 1 network or more");
-        }
-        if self.hidden == 0 {
-            return refuse("hidden", "0".to_owned(), "give a layer 1 unit or more");
-        }
-        if !(0. ..1.).contains(&self.dropout) {
-            return refuse("dropout", self.dropout.to_string(), "give a share from 0 to below 1");
-        }
+        within(&Self::RANGES, &[self.networks as f64, self.hidden as f64, self.dropout])?;
         self.training(0).check().map_err(|error| NeuralBaselineError::Train(Box::new(error)))
     }
 

@@ -13,6 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::config::within;
 use crate::error::TrainError;
 use crate::seed::derive_seed;
 use crate::stage::{BatchTotals, Stage};
@@ -39,19 +40,20 @@ pub struct GoalTraining {
 }
 
 impl GoalTraining {
+    /// Every number but those of the labels: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 4] = [
+        ("alpha", 0., 1., "(the paper's is 0.2)"),
+        ("mean_weight", 0., 1e6, "(0: as published)"),
+        Augment::RANGES[0],
+        Augment::RANGES[1],
+    ];
+
     /// Whether every value can be used.
     ///
     /// # Errors
     /// With the first key that cannot, and what to write instead.
     pub fn check(&self) -> Result<(), TrainError> {
-        if !(0. ..=1.).contains(&self.alpha) {
-            let remedy = "give a weight between 0 and 1; the paper's is 0.2";
-            return Err(TrainError::Config { key: "alpha", value: self.alpha.to_string(), remedy });
-        }
-        if !(self.mean_weight.is_finite() && self.mean_weight >= 0.) {
-            let remedy = "give 0 (as published) or a positive weight";
-            return Err(TrainError::Config { key: "mean_weight", value: self.mean_weight.to_string(), remedy });
-        }
+        within(&Self::RANGES, &[self.alpha, self.mean_weight])?;
         self.labels.check()?;
         self.augment().check()
     }

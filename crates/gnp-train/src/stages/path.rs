@@ -13,6 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::config::within;
 use crate::error::TrainError;
 use crate::seed::derive_seed;
 use crate::stage::{BatchTotals, Stage};
@@ -33,15 +34,17 @@ pub struct PathTraining {
 }
 
 impl PathTraining {
+    /// Every number: key, least, most, unit.
+    pub const RANGES: [(&'static str, f64, f64, &'static str); 3] =
+        [("goal_noise_m", 0., 1e3, "m (0: none, as published)"), Augment::RANGES[0], Augment::RANGES[1]];
+
     /// Whether every value can be used.
     ///
     /// # Errors
     /// With the first key that cannot, and what to write instead.
     pub fn check(&self) -> Result<(), TrainError> {
-        if !self.goal_noise_m.iter().all(|noise| noise.is_finite() && *noise >= 0.) {
-            let remedy = "give two standard deviations in m, each 0 (as published) or more";
-            return Err(TrainError::Config { key: "goal_noise_m", value: format!("{:?}", self.goal_noise_m), remedy });
-        }
+        let [of_noise, ..] = Self::RANGES;
+        self.goal_noise_m.iter().try_for_each(|noise| within(&[of_noise], &[*noise]))?;
         self.augment().check()
     }
 

@@ -6,6 +6,7 @@ use gnp_data::{Window, WindowId, WindowSet};
 use gnp_model::AugmentedView;
 use rand::Rng;
 
+use crate::config::within;
 use crate::error::TrainError;
 
 /// The windows of one part of a split, as names of views.
@@ -79,20 +80,14 @@ impl Augment {
     /// Nothing is varied.
     pub(crate) const NONE: Self = Self { mirror: 0., longitudinal_scale: 1. };
 
+    /// Its two numbers: key, least, most, unit.
+    pub(crate) const RANGES: [(&'static str, f64, f64, &'static str); 2] = [
+        ("mirror", 0., 1., "of the windows (0: as published)"),
+        ("longitudinal_scale", 1., 4., "(1: as published, none)"),
+    ];
+
     /// Whether both values can be used.
     pub(crate) fn check(self) -> Result<(), TrainError> {
-        if !(0. ..=1.).contains(&self.mirror) {
-            let remedy = "give a share between 0 (as published) and 1";
-            return Err(TrainError::Config { key: "mirror", value: self.mirror.to_string(), remedy });
-        }
-        if !(1. ..=4.).contains(&self.longitudinal_scale) {
-            let remedy = "give a factor between 1 (as published: none) and 4";
-            return Err(TrainError::Config {
-                key: "longitudinal_scale",
-                value: self.longitudinal_scale.to_string(),
-                remedy,
-            });
-        }
-        Ok(())
+        within(&Self::RANGES, &[self.mirror, self.longitudinal_scale])
     }
 }

@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use gnp_data::{Dataset, Format, Source, discover, format_of};
+use gnp_data::{Copies, Dataset, Expectation, Fingerprint, Format, Recording, Source, Taken, format_of, read, survey};
 
 use crate::config::RunConfig;
 use crate::error::{Result, bail};
+use crate::machine::Machine;
 use crate::run::folder::DataState;
 
 /// Recordings that were found.
@@ -15,6 +16,8 @@ pub(crate) struct Found {
     pub(crate) data: DataState,
     /// The files, sorted by name.
     pub(crate) sources: Vec<Source>,
+    /// Files that are there and are not read; a sentence each for the first.
+    pub(crate) not_read: Vec<String>,
 }
 
 /// Finds the recordings of a run: those of `data_dir`, or those that come with the project.
@@ -27,13 +30,42 @@ pub(crate) fn find(config: &RunConfig, data_dir: Option<&Path>) -> Result<Found>
         Some(dir) => dir.to_owned(),
         None => embedded_folder(config.dataset)?,
     };
-    let mut sources = discover(&dir, config.dataset)?;
+    let found = survey(&dir, config.dataset)?;
+    let (not_read, mut sources) = (found.notes(), found.sources);
     if config.data.max_recordings > 0 {
         sources.truncate(config.data.max_recordings);
     }
     let simulated = sources.iter().any(|source| source.simulated);
     let description = description(format_of(config.dataset)?, embedded, simulated, &dir);
-    Ok(Found { data: DataState { dir, embedded, simulated, description }, sources })
+    Ok(Found { data: DataState { dir, embedded, simulated, description }, sources, not_read })
+}
+
+/// All recordings of a folder, or those that come with the project, at whatever rate, without copies; what is not read or
+/// left out is noted.
+///
+/// # Errors
+/// When there are none, or one cannot be read.
+pub(crate) fn read_all(dataset: Dataset, data_dir: Option<&Path>, machine: &Machine) -> Result<Vec<Recording>> {
+    let folder = data_dir.map_or_else(|| embedded_folder(dataset), |dir| Ok(dir.to_owned()))?;
+    let found = survey(&folder, dataset)?;
+    found.notes().iter().for_each(|note| machine.progress.note(note));
+    let expect = Expectation { dataset, rate_hz: None };
+    let (mut copies, mut recordings) = (Copies::default(), Vec::<Recording>::new());
+    for source in &found.sources {
+        machine.stop.check()?;
+        for (recording, _) in read(source, &expect)? {
+            let left_out = match copies.take(Fingerprint::of(&recording)) {
+                Taken::LeftOut(copy) => vec![copy],
+                Taken::Kept(left_out) => {
+                    recordings.retain(|earlier| left_out.iter().all(|copy| copy.recording != earlier.meta().name));
+                    recordings.push(recording);
+                    left_out
+                }
+            };
+            left_out.iter().for_each(|copy| machine.progress.note(&copy.sentence()));
+        }
+    }
+    Ok(recordings)
 }
 
 /// The folder of the recordings that come with the project's sources.

@@ -1,9 +1,12 @@
 //! Anyone's predictions in the published Parquet schema, on the same windows as ours.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use gnp_baselines::ConstantVelocity;
-use gnp_data::{Dataset, Forecast, Observation, OraclePredictor, PredictError, Predictor, Window, WindowSet};
+use gnp_data::{
+    Dataset, Forecast, Observation, OraclePredictor, PredictError, Predictor, Recording, Window, WindowSet,
+};
 use gnp_eval::{Detail, EvalConfig, Predictions, Protocol, read_predictions};
 
 use super::faithfulness::Measured;
@@ -17,7 +20,7 @@ use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::folder::{Draft, Stage};
 
-/// Missing windows that an error names; the others are counted.
+/// Missing windows, and unknown vehicles, that an error names; the others are counted.
 const NAMED: usize = 5;
 
 /// Which windows a file of predictions is scored on.
@@ -39,7 +42,8 @@ pub enum PredictionsOn {
 /// those of the configuration. Writes the scores to the new folder `out` if there is one.
 ///
 /// # Errors
-/// When the file cannot be read, is of other data, or lacks a window; when `out` is in use.
+/// When the file cannot be read, is of other data, lacks a window, or has predictions for vehicles that are not there;
+/// when `out` is in use.
 pub fn score_predictions(
     file: &Path,
     on: &PredictionsOn,
@@ -94,6 +98,7 @@ fn score(
     out: Option<Draft>,
     machine: &Machine,
 ) -> Result<Scores> {
+    known(&predictions, material.set)?;
     covered(&predictions, material, machine)?;
     let uses_future = predictions.provenance().get("uses_future").is_some_and(|value| value == "true");
     let name = predictions.name().to_owned();
@@ -135,6 +140,37 @@ fn same_data(predictions: &Predictions, dataset: Dataset, path: &Path) -> Result
     }
 }
 
+/// Refuses a file with predictions for vehicles that the recordings do not have: it is of other recordings, or its
+/// vehicles are numbered otherwise, and then scores of those that match by chance mean nothing.
+fn known(predictions: &Predictions, set: &WindowSet<'_>) -> Result<()> {
+    let vehicles = |recording: &Recording| recording.tracks().iter().map(|track| track.vehicle).collect();
+    let there: BTreeMap<&str, BTreeSet<u32>> =
+        set.recordings().iter().map(|recording| (recording.meta().name.as_str(), vehicles(recording))).collect();
+    let unknown: BTreeSet<String> = predictions
+        .iter()
+        .filter_map(|prediction| match there.get(prediction.key.recording.as_str()) {
+            None => Some(format!("recording {}", prediction.key.recording)),
+            Some(vehicles) if !vehicles.contains(&prediction.key.vehicle) => {
+                Some(format!("recording {}, vehicle {}", prediction.key.recording, prediction.key.vehicle))
+            }
+            Some(_) => None,
+        })
+        .collect();
+    if unknown.is_empty() {
+        return Ok(());
+    }
+    let named: Vec<&str> = unknown.iter().take(NAMED).map(String::as_str).collect();
+    let more = unknown.len() - named.len();
+    let rest = if more > 0 { format!("; and {more} more") } else { String::new() };
+    bail!(
+        Predictions,
+        "{} has predictions for what is not in these recordings: {}{rest}; leave these rows out, or score on the \
+         recordings that they are for",
+        predictions.name(),
+        named.join("; ")
+    );
+}
+
 /// Refuses a file that leaves windows out: scores of the rest would not be comparable.
 fn covered(predictions: &Predictions, material: &Material<'_>, machine: &Machine) -> Result<()> {
     let windows = || material.ids.iter().filter_map(|id| material.set.get(*id));
@@ -157,9 +193,10 @@ fn covered(predictions: &Predictions, material: &Material<'_>, machine: &Machine
         );
     }
     if coverage.predictions_alone > 0 {
-        machine
-            .progress
-            .note(&format!("score: {} predictions are for none of the windows", coverage.predictions_alone));
+        machine.progress.note(&format!(
+            "score: {} predictions are for other windows of these vehicles",
+            coverage.predictions_alone
+        ));
     }
     Ok(())
 }
@@ -175,5 +212,34 @@ impl OraclePredictor for WithFuture {
     fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
         let seen: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
         self.0.predict(&seen, k)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gnp_data::{Mode, WindowKey};
+    use gnp_eval::Prediction;
+
+    use super::*;
+    use crate::evaluation::tests::{recording, windows};
+
+    #[test]
+    fn predictions_for_vehicles_that_are_not_there_are_refused_by_name() {
+        let recordings = [recording("a")];
+        let (set, _) = WindowSet::cut(&recordings, &windows()).unwrap();
+        let told = |vehicles: &[(&str, u32)]| {
+            let of = |(name, vehicle): &(&str, u32)| Prediction {
+                key: WindowKey { recording: (*name).to_owned(), vehicle: *vehicle, segment: 0, t0: 7 },
+                origin: None,
+                forecast: Forecast { modes: vec![Mode { probability: 1., path: vec![[1., 0.]], explanation: None }] },
+            };
+            known(&Predictions::new("theirs", vehicles.iter().map(of)), &set).map_err(|error| error.to_string())
+        };
+        // Another window of a vehicle that is there is counted elsewhere.
+        assert_eq!(told(&[("a", 1), ("a", 20)]), Ok(()));
+        let message = told(&[("a", 1), ("a", 21), ("b", 1), ("b", 2)]).unwrap_err();
+        assert!(message.contains("recordings: recording a, vehicle 21; recording b; leave"), "{message}");
+        let many: Vec<_> = (100..120).map(|vehicle| ("a", vehicle)).collect();
+        assert!(told(&many).unwrap_err().contains("; and 15 more;"));
     }
 }

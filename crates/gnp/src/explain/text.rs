@@ -53,7 +53,7 @@ fn table(account: &Account, last: &str) -> String {
     let row = |name: &str, at: &dyn Fn(usize) -> [f32; 2]| {
         let numbers = steps.iter().map(|step| {
             let [x, y] = at(*step);
-            format!("{:>9}{:>8}", number(x), number(y))
+            format!("{:>8}{:>7}", number(x), number(y))
         });
         (name.to_owned(), numbers.collect::<String>())
     };
@@ -64,9 +64,9 @@ fn table(account: &Account, last: &str) -> String {
     let wide = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let times: String = steps
         .iter()
-        .map(|step| format!("{:>17}", format!("{} s", (*step as f64 * account.dt * 100.).round() / 100.)))
+        .map(|step| format!("{:>15}", format!("{} s", (*step as f64 * account.dt * 100.).round() / 100.)))
         .collect();
-    let axes: String = steps.iter().map(|_| format!("{:>9}{:>8}", "along", "left")).collect();
+    let axes: String = steps.iter().map(|_| format!("{:>8}{:>7}", "along", "left")).collect();
     let head = [format!("{:wide$}{times}", "m after"), format!("{:wide$}{axes}", "")];
     let body = rows.into_iter().map(|(name, numbers)| format!("{name:wide$}{numbers}"));
     head.into_iter().chain(body).collect::<Vec<_>>().join("\n")

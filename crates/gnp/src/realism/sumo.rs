@@ -1,6 +1,7 @@
 //! Scenes for SUMO, and its courses, in a folder.
 use crate::error::{Context as _, Result};
 use crate::machine::Machine;
+use crate::run::folder::write;
 use gnp_simulation::replay::{Imported, Replay, RuleDrivers, export_sumo, import_sumo};
 use std::collections::BTreeMap;
 use std::fs;
@@ -36,7 +37,7 @@ pub(super) fn exchange(
             let seeds = if drivers.is_none() { &seeds[..] } else { &seeds[..1] };
             let text = serde_json::to_string(&export_sumo(scene, drivers, seeds, SPEED_LIMIT)?)?;
             let written = file("json");
-            fs::write(&written, text).with_context(|| format!("cannot write {}", written.display()))?;
+            write(&written, text.as_bytes())?;
             let positions = file("csv");
             if !positions.is_file() {
                 missing += 1;

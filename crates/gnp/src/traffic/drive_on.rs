@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gnp_data::{Dataset, Expectation, Recording, discover, read};
+use gnp_data::{Dataset, Recording};
 use gnp_force::Driver;
 use gnp_measures::{Course, Settings, Traffic};
 use gnp_plot::Source;
@@ -10,7 +10,7 @@ use gnp_simulation::drivers::{DriverKey, FitConfig, FittedDriver, fit_drivers, f
 use gnp_simulation::replay::{ClosedLoop, DrivenBy, Drivers, Learned, Replay, ReplaySettings, RuleDrivers};
 
 use super::{Measured, keep_tracks, measure_one};
-use crate::data::embedded_folder;
+use crate::data::source::read_all;
 use crate::error::{Context as _, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
@@ -62,7 +62,7 @@ pub enum ReplayDrivers {
 /// # Errors
 /// When there is no such recording or moment, the run cannot be used, or the folder not be written.
 pub fn simulate_from(of: &DriveOn, machine: &Machine) -> Result<Vec<Measured>> {
-    let recordings = read_all(of, machine)?;
+    let recordings = read_all(of.dataset, of.data.as_deref(), machine)?;
     let recording = chosen(of, &recordings)?;
     let meta = recording.meta();
     let settings = ReplaySettings { past_s: PAST_S, duration_s: of.seconds, every_s: of.seconds };
@@ -133,21 +133,6 @@ fn fitted(dataset: Dataset, site: &str, recordings: &[Recording]) -> Result<Rule
         |(key, it): (&DriverKey, &FittedDriver)| (key.vehicle, DrivenBy { noise, ..DrivenBy::from(it.driver) });
     let drivers = Drivers::Matched(traffic.drivers().iter().map(driver).collect());
     Ok(RuleDrivers::new(format!("drivers fitted to others of {site}"), drivers).changing_lanes(mobil))
-}
-
-/// All recordings.
-fn read_all(of: &DriveOn, machine: &Machine) -> Result<Vec<Recording>> {
-    let folder = of.data.clone().map_or_else(|| embedded_folder(of.dataset), Ok)?;
-    let expect = Expectation { dataset: of.dataset, rate_hz: None };
-    let mut recordings = Vec::new();
-    for source in discover(&folder, of.dataset)? {
-        machine.stop.check()?;
-        recordings.extend(read(&source, &expect)?.into_iter().map(|(recording, _)| recording));
-    }
-    if recordings.is_empty() {
-        bail!(Recordings, "there are no recordings of {} in {}", of.dataset, folder.display());
-    }
-    Ok(recordings)
 }
 
 /// The recording that is asked for, or the one with most rows.

@@ -2,6 +2,7 @@
 
 use super::{Table, Wanted};
 use crate::error::DataError;
+use crate::limits::MAX_POSITION;
 use crate::parts::MAX_FRAMES;
 
 impl Table {
@@ -39,6 +40,19 @@ impl Table {
                 column,
                 format!("{} m", values[row]),
                 "is no size: it must be positive; repair it or remove the vehicle",
+            ));
+        }
+        Ok(values)
+    }
+
+    /// Coordinates, m.
+    pub(in crate::formats) fn positions(&self, values: Vec<f32>, column: Wanted) -> Result<Vec<f32>, DataError> {
+        if let Some(row) = values.iter().position(|v| v.abs() > MAX_POSITION) {
+            return Err(self.bad_value(
+                row,
+                column,
+                format!("{} m", values[row]),
+                "is no place on a recorded road, which is within 131 km of the origin; repair it or remove the row",
             ));
         }
         Ok(values)

@@ -1,12 +1,14 @@
 //! The slow way through a text: repairs that keep every value, and the first fault with its line.
 
+use std::collections::BTreeSet;
+
 use super::gzip::Block;
 use super::sniff::{Separator, split};
-use super::{Kind, Table, Wanted, whole};
+use super::{Kind, MAX_WORDS, Table, Values, Wanted, whole};
 use crate::error::DataError;
 
 /// The block as plain comma-separated lines: no blank lines, one comma for a run of blanks in a
-/// blank-separated text, no quotes, no thousands separators between quotes.
+/// blank-separated text, no blanks around values, no quotes, no thousands separators between quotes.
 pub(in crate::formats) fn tidy(bytes: &[u8], separator: Separator) -> Vec<u8> {
     let mut tidy = Vec::with_capacity(bytes.len());
     for line in bytes.split(|b| *b == b'\n') {
@@ -27,57 +29,142 @@ pub(in crate::formats) fn tidy(bytes: &[u8], separator: Separator) -> Vec<u8> {
                 tidy.push(*b);
             }
         } else {
-            let mut quoted = false;
-            for b in line {
-                match b {
-                    b'"' => quoted = !quoted,
-                    b',' if quoted => {}
-                    _ => tidy.push(*b),
-                }
-            }
+            fields(line, &mut tidy);
         }
         tidy.push(b'\n');
     }
     tidy
 }
 
-/// The first thing wrong in a block that could not be read.
-pub(in crate::formats) fn first_fault(table: &Table, block: &Block, wanted: &[Wanted]) -> DataError {
-    for (i, bytes) in block.bytes.split(|b| *b == b'\n').enumerate() {
-        let line = block.line + i as u64;
-        let Ok(text) = std::str::from_utf8(bytes) else {
-            return DataError::Table { file: table.file.clone(), reason: format!("line {line} is not UTF-8 text") };
-        };
-        if text.trim().is_empty() {
-            continue;
-        }
-        let fields: Vec<&str> = split(text, table.separator).collect();
-        if fields.len() != table.columns.len() {
-            let other = [';', '|'].into_iter().find(|c| text.matches(*c).count() + 1 == table.columns.len());
-            if let Some(found) = other.filter(|_| fields.len() == 1) {
-                return DataError::Delimiter { file: table.file.clone(), found, expected: "commas" };
+/// Appends the fields of a comma-separated line without quotes, blanks around them and commas between thousands.
+fn fields(line: &[u8], tidy: &mut Vec<u8>) {
+    let (mut quoted, mut field) = (false, tidy.len());
+    for (i, b) in line.iter().enumerate() {
+        match b {
+            b'"' => quoted = !quoted,
+            b',' if quoted && !is_decimal(line, i) => {}
+            b',' => {
+                trim_end(tidy, field);
+                tidy.push(b',');
+                field = tidy.len();
             }
-            return DataError::FieldCount {
-                file: table.file.clone(),
-                line,
-                found: fields.len(),
-                expected: table.columns.len(),
-            };
+            b' ' | b'\t' if tidy.len() == field => {}
+            _ => tidy.push(*b),
         }
-        for column in wanted {
-            let value = fields[column.index];
-            if let Err(reason) = check(value, column.kind) {
-                return DataError::Value {
-                    file: table.file.clone(),
-                    line,
-                    column: table.columns[column.index].clone(),
-                    value: value.to_owned(),
-                    reason: reason.to_owned(),
-                };
+    }
+    trim_end(tidy, field);
+}
+
+/// Whether the comma at `i` stands between digits but not before a group of three, so that it is no thousands separator.
+fn is_decimal(line: &[u8], i: usize) -> bool {
+    let before = i > 0 && line[i - 1].is_ascii_digit();
+    let after = line[i + 1..].iter().take_while(|b| b.is_ascii_digit()).count();
+    before && after > 0 && after != 3
+}
+
+fn trim_end(tidy: &mut Vec<u8>, field: usize) {
+    while tidy.len() > field && tidy.last().is_some_and(u8::is_ascii_whitespace) {
+        tidy.pop();
+    }
+}
+
+/// The first thing wrong in a block that could not be read after the rows in `before`: always with its line.
+pub(in crate::formats) fn first_fault(table: &Table, block: &Block, wanted: &[Wanted], before: &[Values]) -> DataError {
+    // Different words of each column so far; the last that came in `before` may be those of this block already.
+    let mut words: Vec<BTreeSet<String>> = before.iter().map(words_of).collect();
+    for (line, bytes) in (block.line..).zip(block.bytes.split(|b| *b == b'\n')) {
+        if let Err(fault) = fault_of(table, line, bytes, wanted, &mut words) {
+            return fault;
+        }
+    }
+    let reason = format!("line {} cannot be read as the lines before", rejected(table, block, wanted));
+    DataError::Table { file: table.file.clone(), reason }
+}
+
+fn words_of(values: &Values) -> BTreeSet<String> {
+    match values {
+        Values::Word(_, words) => words.iter().take(MAX_WORDS).cloned().collect(),
+        _ => BTreeSet::new(),
+    }
+}
+
+/// What is wrong with a line as the reader sees it.
+fn fault_of(
+    table: &Table,
+    line: u64,
+    bytes: &[u8],
+    wanted: &[Wanted],
+    words: &mut [BTreeSet<String>],
+) -> Result<(), DataError> {
+    let file = || table.file.clone();
+    let Ok(text) = std::str::from_utf8(bytes) else {
+        return Err(DataError::Table { file: file(), reason: format!("line {line} is not UTF-8 text") });
+    };
+    let tidy = tidy(bytes, table.separator);
+    let Ok(tidy) = std::str::from_utf8(&tidy) else {
+        return Err(DataError::Table { file: file(), reason: format!("line {line} is not UTF-8 text") });
+    };
+    let Some(tidy) = tidy.strip_suffix('\n') else { return Ok(()) };
+    let bad = |column: usize, value: &str, reason: &str| DataError::Value {
+        file: file(),
+        line,
+        column: table.columns.get(column).cloned().unwrap_or_default(),
+        value: value.to_owned(),
+        reason: reason.to_owned(),
+    };
+    let fields: Vec<&str> = tidy.split(',').collect();
+    let due = table.columns.len();
+    if fields.len() != due {
+        let found = split(text, table.separator).collect::<Vec<_>>();
+        let comma = found.iter().position(|value| value.contains(','));
+        if let Some(column) = comma.filter(|_| found.len() == due) {
+            return Err(bad(
+                column,
+                found[column],
+                "has a comma in it; write a point before decimals and nothing between thousands",
+            ));
+        }
+        let other = [';', '|'].into_iter().find(|c| text.matches(*c).count() + 1 == due);
+        if let Some(found) = other.filter(|_| fields.len() == 1) {
+            return Err(DataError::Delimiter { file: file(), found, expected: "commas" });
+        }
+        return Err(DataError::FieldCount { file: file(), line, found: fields.len(), expected: due });
+    }
+    for (column, words) in wanted.iter().zip(words) {
+        let value = fields[column.index];
+        check(value, column.kind).map_err(|reason| bad(column.index, value, reason))?;
+        if column.kind == Kind::Word && !words.contains(value) {
+            words.insert(value.to_owned());
+            if words.len() > MAX_WORDS {
+                return Err(bad(column.index, value, "is one of too many different words of its column; repair it"));
             }
         }
     }
-    DataError::Table { file: table.file.clone(), reason: "polars rejects it".into() }
+    Ok(())
+}
+
+/// The line with which reading a block fails, where no rule tells what is wrong with it.
+fn rejected(table: &Table, block: &Block, wanted: &[Wanted]) -> u64 {
+    let mut end = 0;
+    let ends: Vec<usize> = block
+        .bytes
+        .split_inclusive(|b| *b == b'\n')
+        .map(|line| {
+            end += line.len();
+            end
+        })
+        .collect();
+    let reads = |lines: usize| {
+        let start = &block.bytes[..ends[lines - 1]];
+        start.iter().all(u8::is_ascii_whitespace) || table.read_tidy(start, wanted).is_some()
+    };
+    // The first `good` lines are read, the first `bad` are not.
+    let (mut good, mut bad) = (0, ends.len());
+    while good + 1 < bad {
+        let middle = usize::midpoint(good, bad);
+        if reads(middle) { good = middle } else { bad = middle }
+    }
+    block.line + bad.saturating_sub(1) as u64
 }
 
 fn check(value: &str, kind: Kind) -> Result<(), &'static str> {
@@ -87,7 +174,7 @@ fn check(value: &str, kind: Kind) -> Result<(), &'static str> {
     if kind == Kind::Word {
         return Ok(());
     }
-    let Ok(number) = value.replace(',', "").parse::<f64>() else {
+    let Ok(number) = value.parse::<f64>() else {
         return Err("is not a number; repair the value or remove the row");
     };
     if !number.is_finite() {
@@ -109,5 +196,7 @@ mod tests {
     fn tidies_without_changing_a_value() {
         assert_eq!(tidy(b"  1   2\t3 \r\n\n4 5  6", Separator::Blank), b"1,2,3\n4,5,6\n");
         assert_eq!(tidy(b"1,\"1,118,846\",us-101\r\n\r\n", Separator::Comma), b"1,1118846,us-101\n");
+        assert_eq!(tidy(b" 1 ,\t12.5 , \" 7 \",St. Louis ,, \n", Separator::Comma), b"1,12.5,7,St. Louis,,\n");
+        assert_eq!(tidy(b"\"1,234.5\",\"12,5\",\"Paris, TX\"", Separator::Comma), b"1234.5,12,5,Paris TX\n");
     }
 }

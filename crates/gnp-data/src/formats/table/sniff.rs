@@ -2,11 +2,9 @@
 
 use std::path::Path;
 
-use super::gzip::Text;
+use super::gzip::head;
 use crate::error::DataError;
-
-/// Bytes that are looked at for the first line.
-const HEAD: usize = 1 << 14;
+use crate::foreign::{Foreign, no_text};
 
 /// What separates fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,13 +34,18 @@ pub(in crate::formats) struct Header {
 }
 
 impl Head {
-    /// First line with anything in it; `None` for a file without one, or with bytes that are not text.
+    /// First line with anything in it; `None` for a file of blank lines.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is no text in lines.
     pub(in crate::formats) fn read(file: &Path) -> Result<Option<Self>, DataError> {
-        let mut bytes = Vec::new();
-        Text::open(file)?.fill(&mut bytes, HEAD)?;
+        let (bytes, whole) = head(file)?;
+        if let Some(Foreign { what, remedy }) = no_text(&bytes, whole) {
+            return Err(DataError::Foreign { file: file.into(), what, remedy });
+        }
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
         let line = bytes.split(|b| *b == b'\n').map(<[u8]>::trim_ascii).find(|line| !line.is_empty());
-        Ok(line.and_then(|line| std::str::from_utf8(line).ok()).map(|line| Self { line: line.to_owned() }))
+        Ok(line.map(|line| Self { line: String::from_utf8_lossy(line).into_owned() }))
     }
 
     /// Names of the columns under the separator that finds most of `known`, and how many it finds.

@@ -12,7 +12,7 @@ use parquet::errors::ParquetError;
 use parquet::file::reader::RowGroupReader;
 use parquet::schema::types::{ColumnDescriptor, SchemaDescriptor};
 
-use super::{Detail, Failure, within};
+use super::{Detail, FARTHEST_M, Failure, within};
 use crate::error::PredictionProblem;
 use crate::predictions::schema::{COLUMNS, Explaining, Kind, LEADER, Part, explaining, published};
 
@@ -186,6 +186,19 @@ impl GroupRows {
             Some(value) if !value.is_finite() => Err(self.bad(i, column, format!("is {value}, not finite"))),
             Some(value) => Ok(value),
         }
+    }
+
+    /// A position in a window's frame.
+    pub(super) fn position(&self, i: usize, column: &'static str) -> Result<f32, PredictionProblem> {
+        let value = self.number(i, column)?;
+        if value.abs() > FARTHEST_M {
+            let problem = format!(
+                "is {value}, farther than {FARTHEST_M} m; positions are counted in m from the last observed centre of \
+                 the vehicle, x forward and y to the left"
+            );
+            return Err(self.bad(i, column, problem));
+        }
+        Ok(value)
     }
 
     /// 0 where the file has no segments.

@@ -1,0 +1,307 @@
+//! What contradicts itself in the three files of a recording.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::TRACKS;
+use super::meta::{COUNTS, Listed, Stated};
+use super::tracks::Tracks;
+use crate::error::DataError;
+use crate::formats::findings::{Check, Findings, MAX_DOUBTED, MAX_LEFT_OUT, Tally};
+use crate::formats::motion::{Motion, by_vehicle, flagged};
+use crate::formats::table::Table;
+use crate::limits;
+use crate::named::Names;
+use crate::recording::{Road, VehicleClass};
+use crate::slot::SLOTS;
+
+/// A centre may be this far outside the outer markings, m: on a lane of a ramp that is not marked.
+const OFF_ROAD: f32 = 4.;
+
+/// A centre may be this far outside the lane that its row tells, m: numbers are not taken from the
+/// rounded positions.
+const OFF_LANE: f32 = 0.5;
+
+/// Sizes in two tables that are nearer than this, m, are the same.
+const SAME_SIZE: f32 = 0.1;
+
+/// A recording may be this much longer than is stated, s.
+const SAME_TIME: f64 = 1.;
+
+const SIZE: Check = Check {
+    column: "width",
+    says: "are of no size a vehicle has (0.5 to 40 m by 0.3 to 5 m)",
+    then: "left out",
+    remedy: "width is the length and height the width, in metres; take the original file",
+};
+const DIRECTION: Check = Check {
+    column: "drivingDirection",
+    says: "drive against their drivingDirection",
+    then: "left out",
+    remedy: "1 drives towards smaller x, 2 towards larger; take tracks and tracksMeta from one download",
+};
+const VELOCITY: Check = Check {
+    column: "xVelocity",
+    says: "have another velocity than their positions",
+    then: "left out",
+    remedy: "velocities are in m/s along x and y of the image, at the frameRate of recordingMeta; take the original files",
+};
+const ROAD: Check = Check {
+    column: "y",
+    says: "drive more than 4 m outside the markings of their carriageway",
+    then: "left out",
+    remedy: "take tracks and recordingMeta from one download",
+};
+const OTHER_SIZE: Check = Check {
+    column: "width",
+    says: "have another size than tracksMeta",
+    then: "the corner is that of the row, the size that of tracksMeta",
+    remedy: "take tracks and tracksMeta from one download",
+};
+const ROWS_OFF_ROAD: Check =
+    Check { says: "are more than 4 m outside the markings of their carriageway", then: "kept", ..ROAD };
+const LANE: Check = Check {
+    column: "laneId",
+    says: "have a laneId that contradicts y and the markings",
+    then: "the lane at y is taken",
+    remedy: "each laneId stands for one lane between two markings; take tracks and recordingMeta from one download",
+};
+const FRAMES: Check = Check {
+    column: "numFrames",
+    says: "have other frames in tracks than tracksMeta says",
+    then: "kept",
+    remedy: "rows are missing or of another recording; download tracks and tracksMeta again",
+};
+const NEIGHBOURS: &str = "name vehicles that are not there";
+
+/// The tables of a recording.
+pub(super) struct Tables<'a> {
+    pub(super) tracks: &'a Table,
+    pub(super) tracks_meta: &'a Table,
+    pub(super) recording_meta: &'a Table,
+}
+
+/// Vehicles that cannot be as they are listed, or that move otherwise than the files say; and what is counted of them.
+///
+/// # Errors
+/// When they are too many.
+pub(super) fn vehicles(
+    tables: &Tables<'_>,
+    stated: &Stated,
+    listed: &[Listed],
+    tracks: &Tracks,
+    findings: &mut Findings,
+) -> Result<(), DataError> {
+    let spans = by_vehicle(&tracks.vehicle);
+    let all = spans.len();
+    let meta_row = |vehicle: u32| listed.binary_search_by_key(&vehicle, |it| it.vehicle).map_or(0, |i| listed[i].row);
+    let found =
+        |wrong: &(dyn Fn(Range<usize>) -> bool + Sync)| flagged(&spans, |i| tracks.place(i), &tracks.vehicle, wrong);
+    let in_meta = |found: Vec<(u32, usize)>| -> Vec<(u32, usize)> {
+        found.into_iter().map(|(vehicle, _)| (vehicle, meta_row(vehicle))).collect()
+    };
+    let motion = Motion { frame: &tracks.frame, x: &tracks.x, y: &tracks.y, rate_hz: stated.rate_hz };
+
+    let odd = in_meta(found(&|rows| {
+        let body = tracks.body[rows.start];
+        !limits::is_size([body.length, body.width])
+    }));
+    findings.leave_out(&SIZE, tables.tracks_meta, &odd, all)?;
+    let against = in_meta(found(&|rows| motion.is_backwards(rows)));
+    findings.leave_out(&DIRECTION, tables.tracks_meta, &against, all)?;
+    let [vx, vy] = &tracks.velocity;
+    let wrong = found(&|rows| motion.contradicts(rows, |i| [vx[i], vy[i]]));
+    findings.leave_out(&VELOCITY, tables.tracks, &wrong, all)?;
+    let off = |i: usize| off_road(&stated.roads[usize::from(tracks.body[i].road)], tracks.y[i]);
+    let away = found(&|rows| 2 * rows.clone().filter(|i| off(*i)).count() > rows.len());
+    findings.leave_out(&ROAD, tables.tracks, &away, all)?;
+
+    let left_out = findings.left_out();
+    let rows_off = (0..tracks.y.len()).filter(|i| off(*i) && !left_out.contains(&tracks.vehicle[*i]));
+    let rows_off = Tally::of(rows_off.map(|i| tracks.place(i)));
+    findings.count(&ROWS_OFF_ROAD, tables.tracks, rows_off, (tracks.y.len(), "rows"), MAX_LEFT_OUT)?;
+
+    let [lengths, widths] = &tracks.size;
+    let resized = |i: usize| {
+        let body = &tracks.body[i];
+        (lengths[i] - body.length).abs() > SAME_SIZE || (widths[i] - body.width).abs() > SAME_SIZE
+    };
+    let other = found(&|mut rows| rows.any(resized));
+    findings.count(
+        &OTHER_SIZE,
+        tables.tracks,
+        Tally::of(other.into_iter().map(|it| it.1)),
+        (all, "vehicles"),
+        MAX_LEFT_OUT,
+    )?;
+    frames(tables, listed, tracks, &spans, findings)
+}
+
+/// Compares the frames of vehicles with those that are listed.
+fn frames(
+    tables: &Tables<'_>,
+    listed: &[Listed],
+    tracks: &Tracks,
+    spans: &[Range<usize>],
+    findings: &mut Findings,
+) -> Result<(), DataError> {
+    let other = listed.iter().filter(|it| {
+        let span = spans.binary_search_by_key(&it.vehicle, |span| tracks.vehicle[span.start]);
+        let frames = span.map_or(&[][..], |span| &tracks.frame[spans[span].clone()]);
+        let number = frames.chunk_by(|a, b| a == b).count();
+        let have = [frames.first().copied(), frames.last().copied(), u32::try_from(number).ok()];
+        frames.is_empty()
+            || it.frames.iter().zip(have).any(|(says, have)| says.is_some_and(|n| u32::try_from(n).ok() != have))
+    });
+    let tally = Tally::of(other.map(|it| it.row));
+    findings.count(&FRAMES, tables.tracks_meta, tally, (listed.len(), "vehicles"), MAX_LEFT_OUT)
+}
+
+fn off_road(road: &Road, y: f32) -> bool {
+    let edge = |line: Option<&crate::LaneMarking>| line.map_or(y, |line| line.y);
+    y < edge(road.lines.first()) - OFF_ROAD || y > edge(road.lines.last()) + OFF_ROAD
+}
+
+/// Lanes between markings, with the number that most rows there have, for one carriageway.
+#[derive(Clone, Debug, Default)]
+struct Lanes {
+    /// Rows by number and place from the right.
+    rows: BTreeMap<(i16, usize), usize>,
+}
+
+impl Lanes {
+    /// The number of each lane from the right, 0 where none is known: that of the most rows, and of the lanes that
+    /// a number has most rows in one.
+    fn numbers(&self, lanes: usize) -> Vec<i16> {
+        let mut numbers = vec![0; lanes];
+        let mut by_rows: Vec<(&(i16, usize), &usize)> = self.rows.iter().collect();
+        by_rows.sort_by_key(|(key, rows)| (std::cmp::Reverse(**rows), **key));
+        for ((number, lane), _) in by_rows {
+            if numbers[*lane] == 0 && !numbers.contains(number) {
+                numbers[*lane] = *number;
+            }
+        }
+        numbers
+    }
+}
+
+/// Place of the lane at `y` from the right; `None` outside the markings.
+fn lane_at(road: &Road, y: f32) -> Option<usize> {
+    let right = road.lines.partition_point(|line| line.y <= y);
+    (right > 0 && right < road.lines.len()).then(|| right - 1)
+}
+
+/// Compares lane numbers with the markings, and takes the number of the lane at `y` where they differ.
+///
+/// # Errors
+/// When they are too many.
+pub(super) fn lanes(
+    tables: &Tables<'_>,
+    roads: &[Road],
+    tracks: &mut Tracks,
+    findings: &mut Findings,
+) -> Result<(), DataError> {
+    let mut seen = vec![Lanes::default(); roads.len()];
+    let known = |tracks: &Tracks, i: usize| {
+        let road = usize::from(tracks.body[i].road);
+        (tracks.lane[i] != 0).then(|| Some((road, lane_at(&roads[road], tracks.y[i])?))).flatten()
+    };
+    for i in 0..tracks.lane.len() {
+        if let Some((road, lane)) = known(tracks, i) {
+            *seen[road].rows.entry((tracks.lane[i], lane)).or_insert(0) += 1;
+        }
+    }
+    let numbers: Vec<Vec<i16>> =
+        seen.iter().zip(roads).map(|(lanes, road)| lanes.numbers(road.lines.len().saturating_sub(1))).collect();
+    let contradicts = |i: &usize| {
+        let Some((road, lane)) = known(tracks, *i) else { return None };
+        let (number, y) = (tracks.lane[*i], tracks.y[*i]);
+        let own = numbers[road].iter().position(|have| *have == number);
+        let near = own.is_some_and(|own| {
+            let lines = &roads[road].lines;
+            (lines[own].y - OFF_LANE..=lines[own + 1].y + OFF_LANE).contains(&y)
+        });
+        (!near).then_some((*i, numbers[road][lane]))
+    };
+    let wrong: Vec<(usize, i16)> = (0..tracks.lane.len()).into_par_iter().filter_map(|i| contradicts(&i)).collect();
+    let tally = Tally::of(wrong.iter().map(|(i, _)| tracks.place(*i)));
+    findings.count(&LANE, tables.tracks, tally, (tracks.lane.len(), "rows"), MAX_LEFT_OUT)?;
+    for (i, number) in wrong {
+        tracks.lane[i] = number;
+    }
+    Ok(())
+}
+
+/// Refuses a column of neighbours most of which are not there; `place` gives the row of the file of a row.
+///
+/// # Errors
+/// When there is one.
+pub(super) fn neighbours(
+    table: &Table,
+    names: &[Names; SLOTS],
+    place: impl Fn(usize) -> usize,
+) -> Result<(), DataError> {
+    for (column, Names { named, wrong, first }) in TRACKS[TRACKS.len() - 1 - SLOTS..].iter().zip(names) {
+        let tally = Tally { count: *wrong, first: first.map(&place) };
+        if tally.exceeds(MAX_DOUBTED, *named) {
+            let remedy = "neighbours are named by the id of tracks, 0 for none; take the original file";
+            let check = Check { column, says: NEIGHBOURS, then: "", remedy };
+            return Err(check.error(table, tally.first, &format!("{wrong} of {named} values")));
+        }
+    }
+    Ok(())
+}
+
+/// Compares what the recording's meta file counts with what is there; a sentence for each that differs a little.
+///
+/// # Errors
+/// When they differ by more than a tenth, so that the file is another recording's.
+pub(super) fn counts(
+    tables: &Tables<'_>,
+    stated: &Stated,
+    listed: &[Listed],
+    frames: [u32; 2],
+) -> Result<Vec<String>, DataError> {
+    let table = tables.recording_meta;
+    let of_class = |class: VehicleClass| listed.iter().filter(|it| it.body.class == class).count() as f64;
+    let seconds = f64::from(frames[1].saturating_sub(frames[0]).saturating_add(1)) / stated.rate_hz;
+    let all = listed.len() as f64;
+    let [id, counted @ .., duration] = stated.counts;
+    let mut notes = Vec::new();
+    for ((column, says), have) in
+        COUNTS[1..].iter().zip(counted).zip([all, of_class(VehicleClass::Car), of_class(VehicleClass::Truck)])
+    {
+        let Some(says) = says.map(f64::from).filter(|says| *says != have) else { continue };
+        if (says - have).abs() > MAX_LEFT_OUT * all {
+            let check = Check {
+                column,
+                says: "",
+                then: "",
+                remedy: "the file is another recording's; take all three from one download",
+            };
+            return Err(check.error(table, Some(0), &format!("{says} where tracksMeta lists {have}")));
+        }
+        notes.push(format!("recordingMeta has {column} {says}, tracksMeta lists {have}"));
+    }
+    if let Some(says) = duration.map(f64::from) {
+        if seconds > says * (1. + MAX_LEFT_OUT) + SAME_TIME {
+            let remedy = "the file is another recording's, or frameRate is wrong; take all three from one download";
+            let check = Check { column: "duration", says: "", then: "", remedy };
+            return Err(check.error(table, Some(0), &format!("{says} s where tracks last {seconds:.1} s")));
+        }
+        if seconds < says * (1. - MAX_LEFT_OUT) - SAME_TIME {
+            notes.push(format!("recordingMeta has duration {says} s, tracks last {seconds:.1} s"));
+        }
+    }
+    // Files may be named anyhow; a number that is not the recording's is worth a word.
+    let stem = table.file.file_name().and_then(|name| name.to_str()).and_then(|name| name.split('_').next());
+    let number = stem.and_then(|stem| stem.parse::<u32>().ok()).map(f64::from);
+    if let (Some(id), Some(number)) = (id.map(f64::from), number)
+        && id != number
+    {
+        notes.push(format!("recordingMeta is of recording {id}, the file is named {number}"));
+    }
+    Ok(notes)
+}
