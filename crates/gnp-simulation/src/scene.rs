@@ -9,6 +9,10 @@ const MOST_SECONDS: f64 = 86_400.0;
 const ENTRY_M: f64 = 100.0;
 /// Most vehicles that start, and most lanes.
 const MOST: [usize; 2] = [100_000, 64];
+/// Most seeds, detectors, closures, kinds of drivers and the like.
+const MOST_ENTRIES: usize = 1000;
+/// Length of a standing vehicle with its gap, m.
+const JAM_M: f64 = 6.0;
 
 /// A scene: everything that a simulation needs. Lanes count from the right, 0 the rightmost.
 ///
@@ -276,6 +280,18 @@ impl Scene {
         let whole = steps >= 0.999 && (steps - steps.round()).abs() < 1e-6;
         require(whole, "record_hz", self.record_hz, "1 / (n step_s) for a whole number n of steps")?;
         require(!self.seeds.is_empty(), "seeds", "empty", "one number or more")?;
+        let lists = [
+            ("seeds", self.seeds.len()),
+            ("detectors_m", self.detectors_m.len()),
+            ("road.closures", self.road.closures.len()),
+            ("drivers", self.drivers.len()),
+            ("inflow.flow", self.inflow.as_ref().map_or(0, |inflow| inflow.flow.len())),
+            ("speed_limits", self.speed_limits.len()),
+        ];
+        for (key, entries) in lists {
+            let given = format!("of {entries} entries");
+            require(entries <= MOST_ENTRIES, key, given, &format!("of at most {MOST_ENTRIES}"))?;
+        }
         let road = &self.road;
         within("road.lanes", road.lanes as f64, 1.0, MOST[1] as f64)?;
         within("road.lane_width_m", road.lane_width_m, 2.0, 10.0)?;
@@ -334,6 +350,21 @@ impl Scene {
             require(limit.from_s < limit.to_s, "speed_limits.to_s", limit.to_s, "later than from_s")?;
         }
         Ok(())
+    }
+
+    /// About how many rows a simulation will record: vehicles that are on the road at a time, by recorded frames.
+    /// No more vehicles than stand there bumper to bumper.
+    #[must_use]
+    pub fn expected_rows(&self) -> f64 {
+        let road = &self.road;
+        let there = self.start.map_or(0., |start| start.vehicles as f64);
+        let slowest = self.drivers.iter().map(|kind| kind.desired_speed_mps.mean).fold(f64::INFINITY, f64::min);
+        // In dense traffic they drive half as fast as they wish to.
+        let through_s = road.length_m / (0.5 * slowest).max(1.);
+        let most = self.inflow.iter().flat_map(|inflow| &inflow.flow).map(|[_, flow]| *flow).fold(0., f64::max);
+        let entering = road.lanes as f64 * most / 3600. * through_s;
+        let room = road.lanes as f64 * road.length_m / JAM_M;
+        (there + entering).min(room) * self.duration_s * self.record_hz
     }
 
     fn check_drivers(&self, drivers: &DriverSpec) -> Result<(), SimulationError> {

@@ -6,6 +6,7 @@
 use gnp_data::WindowShape;
 use gnp_eval::Protocol;
 use gnp_goal::{GoalConfig, GoalShape};
+use gnp_simulation::Scene;
 
 use crate::config::RunConfig;
 use crate::data::{IngestSummary, RecordingReport};
@@ -20,6 +21,8 @@ const F32: f64 = 4.;
 const PROGRAM: f64 = 40e6;
 /// A row of a recording in columns, with its place among the rows of its frame, bytes.
 const ROW: f64 = 72.;
+/// A row of a simulated recording, with what is measured of it, bytes.
+const SIMULATED_ROW: f64 = 200.;
 /// A window's name, in the split and in its file, bytes.
 const WINDOW: f64 = 300.;
 /// Most vehicles that the goal network sees.
@@ -83,6 +86,27 @@ pub(crate) fn check_with(config: &RunConfig, ingested: &IngestSummary, machine: 
         vehicles: sum(|report| report.windows.vehicles as f64),
     };
     compare(config, Some(counts), allowed(machine))
+}
+
+/// Refuses a scene whose recording does not fit into memory.
+///
+/// # Errors
+/// [`Error::Unavailable`](crate::Error::Unavailable) with what it needs, what there is, and the keys to lower.
+pub(crate) fn check_scene(scene: &Scene) -> Result<()> {
+    refuse_scene(scene, memory::allowed())
+}
+
+fn refuse_scene(scene: &Scene, allowed: Option<u64>) -> Result<()> {
+    let (rows, needed) = (scene.expected_rows(), PROGRAM + scene.expected_rows() * SIMULATED_ROW);
+    let Some(allowed) = allowed.map(|bytes| bytes as f64).filter(|allowed| needed > *allowed) else { return Ok(()) };
+    bail!(
+        Unavailable,
+        "{}: about {rows:.0} recorded rows need {:.1} GB of memory, and there are {:.1} GB; lower duration_s, record_hz, \
+         road.length_m or the number of vehicles",
+        scene.name,
+        needed / 1e9,
+        allowed / 1e9
+    )
 }
 
 /// What there is, where the networks run in this memory.
@@ -301,6 +325,19 @@ mod tests {
         let message = compare(&config("smoke", &[]), Some(counts), Some(16_000_000_000)).unwrap_err().to_string();
         assert!(message.contains("recordings (data.max_recordings)"), "{message}");
         assert!(compare(&config("smoke", &[]), Some(counts), None).is_ok());
+    }
+
+    #[test]
+    fn a_scene_that_nobody_could_keep_is_refused_and_those_that_come_with_the_project_are_not() {
+        for (name, text) in Scene::EMBEDDED {
+            let scene = Scene::parse(text).unwrap();
+            assert!(refuse_scene(&scene, Some(1_000_000_000)).is_ok(), "{name}: {} rows", scene.expected_rows());
+            let long = Scene { duration_s: 86_400., record_hz: 100., step_s: 0.01, ..scene };
+            let long = Scene { road: gnp_simulation::RoadSpec { length_m: 1e6, ..long.road.clone() }, ..long };
+            let wide = long.start.map(|start| gnp_simulation::StartSpec { vehicles: 100_000, ..start });
+            let message = refuse_scene(&Scene { start: wide, ..long }, Some(64_000_000_000)).unwrap_err().to_string();
+            assert!(message.contains("duration_s") && message.contains("there are 64.0 GB"), "{message}");
+        }
     }
 
     /// Peaks measured on one thread, by the stage that needs most: resident bytes as the system counts them.
