@@ -2,7 +2,7 @@
 
 use arbitrary::{Arbitrary, Unstructured};
 use gnp_data::{Split, SplitConfig, SplitKind, Subset, WindowSet};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::finding::promise;
 use crate::made::{kind, road, windows};
@@ -46,7 +46,7 @@ fn run(scratch: &Scratch, input: &[u8]) -> Result<(), Finding> {
 }
 
 /// How the windows are parted.
-#[derive(Arbitrary, Clone, Copy, Debug)]
+#[derive(Arbitrary, Clone, Copy, Debug, Default)]
 struct Config {
     kind: u8,
     seed: u8,
@@ -70,27 +70,43 @@ fn saved(scratch: &Scratch, set: &WindowSet<'_>, config: &Config) -> Result<Vec<
     std::fs::read(&file).map_err(|source| gnp_data::DataError::Io { file, source })
 }
 
-/// Loads a split; with `mend` again with the hash that the refusal says its windows have.
+/// Loads a split; with `mend` under a checksum that fits, and again with the hash that the refusal says its windows have.
 fn load(scratch: &Scratch, set: &WindowSet<'_>, text: &[u8], mend: bool) -> Result<(), Finding> {
-    let file = scratch.only("case.json", text)?;
-    match Split::load(set, &file) {
-        Ok(split) => sound(scratch, set, &split),
-        Err(error) => {
-            let message = error.to_string();
-            match mended(text, &message).filter(|_| mend) {
-                Some(text) => load(scratch, set, &text, false),
-                None => checks::refusal(&error, ""),
-            }
-        }
-    }
+    let Some(mut file) = serde_json::from_slice::<Map<String, Value>>(text).ok().filter(|_| mend) else {
+        return try_text(scratch, set, text, |_| None);
+    };
+    file.remove("sha256");
+    // What stands in the corpus is not of an old version.
+    let version = saved(scratch, set, &Config::default()).map_err(Finding::case)?;
+    let version: Map<String, Value> = serde_json::from_slice(&version).map_err(Finding::case)?;
+    file.insert("version".to_owned(), version.get("version").cloned().unwrap_or_default());
+    let sealed = |file: &Map<String, Value>| gnp_file::json_line(file).map_err(Finding::case);
+    try_text(scratch, set, sealed(&file)?.as_bytes(), |message| {
+        let hash = message.split(|c: char| !c.is_ascii_hexdigit()).find(|word| word.len() == 64)?;
+        file.insert("hash".to_owned(), hash.into());
+        sealed(&file).ok()
+    })
 }
 
-/// The text with its hash replaced by the first one that the message names.
-fn mended(text: &[u8], message: &str) -> Option<Vec<u8>> {
-    let hash = message.split(|c: char| !c.is_ascii_hexdigit()).find(|word| word.len() == 64)?;
-    let mut file: Value = serde_json::from_slice(text).ok()?;
-    *file.get_mut("hash")? = hash.into();
-    Some(file.to_string().into_bytes())
+/// Loads a text, and where it is refused the one that `mended` makes of it and the message.
+fn try_text(
+    scratch: &Scratch,
+    set: &WindowSet<'_>,
+    text: &[u8],
+    mended: impl FnOnce(&str) -> Option<String>,
+) -> Result<(), Finding> {
+    let file = scratch.only("case.json", text)?;
+    let first = match Split::load(set, &file) {
+        Ok(split) => return sound(scratch, set, &split),
+        Err(error) => error,
+    };
+    checks::refusal(&first, "")?;
+    let Some(text) = mended(&first.to_string()) else { return Ok(()) };
+    scratch.only("case.json", text.as_bytes())?;
+    match Split::load(set, &file) {
+        Ok(split) => sound(scratch, set, &split),
+        Err(error) => checks::refusal(&error, ""),
+    }
 }
 
 /// Windows of the set, each in one part, and the same again from a file.
