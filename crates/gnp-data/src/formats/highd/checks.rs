@@ -216,7 +216,7 @@ pub(super) fn lanes(
     let numbers: Vec<Vec<i16>> =
         seen.iter().zip(roads).map(|(lanes, road)| lanes.numbers(road.lines.len().saturating_sub(1))).collect();
     let contradicts = |i: &usize| {
-        let Some((road, lane)) = known(tracks, *i) else { return None };
+        let (road, lane) = known(tracks, *i)?;
         let (number, y) = (tracks.lane[*i], tracks.y[*i]);
         let own = numbers[road].iter().position(|have| *have == number);
         let near = own.is_some_and(|own| {
