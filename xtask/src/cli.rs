@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use gnp_cli::MachineArgs;
 
+use crate::determinism::DeterminismArgs;
+use crate::torture::TortureArgs;
+
 /// GNP: goal-based neural physics for predicting vehicles on motorways.
 ///
 /// Recordings go in (NGSIM or highD, as they are downloaded); a trained model, its intention modes,
@@ -56,7 +59,7 @@ Examples:
 
 Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something, 2 wrong use.")]
     Fuzz(FuzzArgs),
-    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, tests.
+    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, determinism, crashes, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]
@@ -64,6 +67,21 @@ Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something,
     },
     /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
     Features,
+    /// Kill runs, fill their disk, damage their files, let two at one folder; go on, and compare with an undisturbed run byte for byte.
+    #[command(after_help = "\
+Examples:
+  cargo xtask torture                           each trouble once, as in `cargo xtask ci`
+  cargo xtask torture --rounds 100
+  cargo xtask torture --trouble kill --stage goal --rounds 20
+
+A round that fails prints its seed and keeps its folder. Exit code: 0 all rounds passed, 1 one failed, 2 wrong use.")]
+    Torture(TortureArgs),
+    /// One run on 1, 2, 3 and 8 threads and on emulated processors with fewer instruction sets: which files are the same bytes.
+    #[command(after_help = "\
+Other processors need QEMU's user mode, package qemu-user; without it they are skipped.
+
+Exit code: 0 what is promised holds, 1 it does not, 2 wrong use.")]
+    Determinism(DeterminismArgs),
     /// Write the bill of materials anew, docs/sbom.cdx.json, from Cargo.lock and what cargo knows of each package.
     Sbom,
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers, bill of materials.

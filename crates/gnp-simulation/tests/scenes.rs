@@ -39,6 +39,8 @@ fn what_cannot_be_is_refused_with_its_key() {
     for (from, to, said) in [
         ("duration_s = 240", "duration_s = -1", "`duration_s` is -1"),
         ("lanes = 2", "lanes = 0", "`road.lanes` is 0"),
+        ("lanes = 2", "lanes = 17", "`road.lanes` is 17"),
+        ("length_m = 1000", "length_m = 200000", "`road.length_m` is 200000"),
         (flow, "flow = [[0, 1200], [0, 600]]", "`inflow.flow` is not in the order of time"),
         (flow, "flow = [[0, 1e9]]", "`inflow.flow` is 1000000000"),
         ("length_m = 1000", "length_m = 1000\nring = true", "absent on a ring"),
