@@ -107,6 +107,7 @@ impl Gnp {
     ) -> Result<Self, ModelError> {
         let header = goal.header.clone();
         let features = header.features.clone();
+        features.check()?;
         let missing = |key| ModelError::config(key, "is missing in the checkpoint's header: train again");
         let platoon = features.config().reference == ReferencePath::Platoon;
         match neighbours {

@@ -383,6 +383,8 @@ impl Scene {
         within("desired_speed_mps.mean", drivers.desired_speed_mps.mean, 0.1, 70.0)?;
         within("desired_speed_mps.sd", drivers.desired_speed_mps.sd, 0.0, 30.0)?;
         PairRule::<f64>::check(&drivers.rule)?;
+        drivers.noise.as_ref().map_or(Ok(()), Noise::check)?;
+        drivers.lane_change.as_ref().map_or(Ok(()), Mobil::check)?;
         for lane in drivers.lanes.iter().flatten() {
             within("lanes", *lane as f64, 0.0, (self.road.lanes - 1) as f64)?;
         }

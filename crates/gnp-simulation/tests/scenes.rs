@@ -67,6 +67,17 @@ fn what_cannot_be_is_refused_with_its_key() {
     assert!(Scene::parse(&nobody).unwrap_err().to_string().contains("nobody ever drives"));
 }
 
+/// Not only when the first such driver enters.
+#[test]
+fn every_number_of_a_driver_is_checked_when_the_scene_is_read() {
+    for (from, to, said) in
+        [("keep_right = 0.2", "keep_right = nan", "keep_right"), ("sigma = 0.1", "sigma = nan", "sigma")]
+    {
+        let error = Scene::parse(&SECTION.replacen(from, to, 1)).expect_err(to).to_string();
+        assert!(error.contains(said), "{to}: {error}");
+    }
+}
+
 #[test]
 fn the_scenes_that_come_with_the_crate_are_scenes() {
     for (name, text) in Scene::EMBEDDED {

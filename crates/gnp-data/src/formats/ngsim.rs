@@ -201,7 +201,11 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
         return Err(DataError::NoRecordings {
             folder: file.into(),
             expected: "rows of us-101 or i-80".into(),
-            seen: format!("only {}", skipped.keys().cloned().collect::<Vec<_>>().join(", ")),
+            // Any text may stand in the column.
+            seen: format!(
+                "only {}",
+                skipped.keys().take(10).map(|site| site.chars().take(40).collect()).collect::<Vec<String>>().join(", ")
+            ),
         });
     }
     let several = groups.len() > 1;
