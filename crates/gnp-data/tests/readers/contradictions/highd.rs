@@ -337,6 +337,7 @@ fn highd_frames_and_counts_that_are_not_those_of_the_rows() {
     assert_eq!(notes("numVehicles", "25"), ["recordingMeta has numVehicles 25, tracksMeta lists 24"]);
     assert_eq!(notes("duration", "1.5"), Vec::<String>::new(), "within a second");
     assert_eq!(notes("duration", "900"), ["recordingMeta has duration 900 s, tracks last 2.4 s"]);
+    assert!(notes("numTrucks", "n/a")[0].starts_with("numTrucks is not compared: "));
     assert_eq!(notes("id", "6"), ["recordingMeta is of recording 6, the file is named 5"]);
 }
 
