@@ -195,7 +195,7 @@ impl Run {
             return Ok(());
         }
         self.folder.require(stage)?;
-        needs::check_stage(self)?;
+        needs::check_from(stage, self)?;
         let started = Instant::now();
         let root = self.folder.root().to_owned();
         let done = match stage {
