@@ -87,7 +87,7 @@ fn pool(threads: usize) -> Result<ThreadPool> {
 }
 
 /// A table in markdown, numbers to the right.
-fn table(header: Vec<String>, rows: Vec<Vec<String>>) -> String {
+pub(crate) fn table(header: Vec<String>, rows: Vec<Vec<String>>) -> String {
     let mut table = Table::new();
     table.load_preset(presets::ASCII_MARKDOWN).set_header(header).add_rows(rows);
     for column in table.column_iter_mut().skip(1) {

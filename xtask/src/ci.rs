@@ -10,7 +10,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 
 use crate::workspace::cargo;
-use crate::{bench, tidy};
+use crate::{bench, determinism, tidy, torture};
 use gnp::Progress as _;
 use gnp::text::duration;
 use gnp_cli::Terminal;
@@ -40,7 +40,16 @@ const COMPILED: [Step<'_>; 2] = [
 /// Every crate as it would be published; compiling each from its package as well takes as long as all else.
 const PACKAGE: Step<'_> = Step {
     name: "package",
-    arguments: &["package", "--workspace", "--exclude", "xtask", "--no-verify", "--allow-dirty"],
+    arguments: &[
+        "package",
+        "--workspace",
+        "--exclude",
+        "xtask",
+        "--exclude",
+        "gnp-fuzz",
+        "--no-verify",
+        "--allow-dirty",
+    ],
     environment: &[],
 };
 
@@ -100,29 +109,36 @@ const RERUN: [Step<'_>; 3] = [
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
 /// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
-/// the ratios of `bench --check --quick`, with `rerun` what needs that feature, and test; stops at the first that fails.
+/// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once,
+/// with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
 pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     step(root, terminal, &FORMAT)?;
-    let started = Instant::now();
-    terminal.note("ci: tidy");
-    tidy::run(root)?;
-    terminal.note(&format!("ci: tidy passed in {}", duration(started.elapsed())));
+    within(terminal, "tidy", "", || tidy::run(root))?;
     supply::run(root, terminal)?;
     COMPILED.iter().try_for_each(|one| step(root, terminal, one))?;
     features::run(root, features::Extent::Short, terminal)?;
     dependant::run(root, terminal)?;
     step(root, terminal, &PACKAGE)?;
-    let started = Instant::now();
-    terminal.note("ci: bench (cargo xtask bench --check --quick)");
-    bench::check(bench::Profile::Quick, terminal).context("ci: bench failed")?;
-    terminal.note(&format!("ci: bench passed in {}", duration(started.elapsed())));
+    within(terminal, "bench", "--check --quick", || bench::check(bench::Profile::Quick, terminal))?;
+    within(terminal, "determinism", "--threads-only", || determinism::threads(terminal))?;
+    within(terminal, "torture", "", || torture::once(terminal))?;
     if rerun {
         RERUN.iter().try_for_each(|one| step(root, terminal, one))?;
     }
     step(root, terminal, &TEST)
+}
+
+/// Does in this process what `cargo xtask NAME OPTIONS` does.
+fn within(terminal: &Terminal, name: &str, options: &str, check: impl FnOnce() -> Result<()>) -> Result<()> {
+    let started = Instant::now();
+    let line = [name, options].join(" ");
+    terminal.note(&format!("ci: {name} (cargo xtask {})", line.trim_end()));
+    check().with_context(|| format!("ci: {name} failed"))?;
+    terminal.note(&format!("ci: {name} passed in {}", duration(started.elapsed())));
+    Ok(())
 }
 
 /// Runs cargo in `folder`. Only in the workspace do its own settings reach the compiler.

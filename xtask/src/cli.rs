@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use gnp_cli::MachineArgs;
 
+use crate::determinism::DeterminismArgs;
+use crate::torture::TortureArgs;
+
 /// GNP: goal-based neural physics for predicting vehicles on motorways.
 ///
 /// Recordings go in (NGSIM or highD, as they are downloaded); a trained model, its intention modes,
@@ -46,7 +49,17 @@ Examples:
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
-    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, tests.
+    /// Try made-up and damaged input on everything that reads.
+    #[command(after_help = "\
+Examples:
+  cargo xtask fuzz --seconds 60 --jobs 2              a minute of each target, two at a time
+  cargo xtask fuzz --target ngsim --executions 1000000
+  cargo xtask fuzz --target ngsim --coverage          libFuzzer; needs a C++ compiler
+  cargo xtask fuzz --target ngsim --replay FILE       one input again
+
+Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something, 2 wrong use.")]
+    Fuzz(FuzzArgs),
+    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, determinism, crashes, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]
@@ -54,6 +67,21 @@ Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     },
     /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
     Features,
+    /// Kill runs, fill their disk, damage their files, let two at one folder; go on, and compare with an undisturbed run byte for byte.
+    #[command(after_help = "\
+Examples:
+  cargo xtask torture                           each trouble once, as in `cargo xtask ci`
+  cargo xtask torture --rounds 100
+  cargo xtask torture --trouble kill --stage goal --rounds 20
+
+A round that fails prints its seed and keeps its folder. Exit code: 0 all rounds passed, 1 one failed, 2 wrong use.")]
+    Torture(TortureArgs),
+    /// One run on 1, 2, 3 and 8 threads and on emulated processors with fewer instruction sets: which files are the same bytes.
+    #[command(after_help = "\
+Other processors need QEMU's user mode, package qemu-user; without it they are skipped.
+
+Exit code: 0 what is promised holds, 1 it does not, 2 wrong use.")]
+    Determinism(DeterminismArgs),
     /// Write the bill of materials anew, docs/sbom.cdx.json, from Cargo.lock and what cargo knows of each package.
     Sbom,
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers, bill of materials.
@@ -151,4 +179,33 @@ mod tests {
         }
         assert!(Cli::try_parse_from(["xtask", "pipeline", "--dataset", "ngsim"]).is_ok());
     }
+}
+
+/// What to fuzz, and how long.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct FuzzArgs {
+    /// A target; several may be given [default: all].
+    #[arg(long = "target", value_name = "NAME")]
+    pub(crate) targets: Vec<String>,
+    /// Executions of each target.
+    #[arg(long, value_name = "N", conflicts_with = "seconds")]
+    pub(crate) executions: Option<u64>,
+    /// Seconds for each target [default: 60].
+    #[arg(long, value_name = "S")]
+    pub(crate) seconds: Option<u64>,
+    /// Targets at a time.
+    #[arg(long, value_name = "N", default_value_t = std::num::NonZeroUsize::MIN)]
+    pub(crate) jobs: std::num::NonZeroUsize,
+    /// From which the inputs are drawn; the same gives the same.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Let libFuzzer look for inputs that reach new code; its corpus grows in runs/fuzz/corpus.
+    #[arg(long)]
+    pub(crate) coverage: bool,
+    /// Try the input in this file, and nothing else.
+    #[arg(long, value_name = "FILE", requires = "targets", conflicts_with_all = ["executions", "seconds", "coverage"])]
+    pub(crate) replay: Option<PathBuf>,
+    /// Be the process that does the work on one target, with its files in this folder.
+    #[arg(long, value_name = "DIR", hide = true)]
+    pub(crate) worker: Option<PathBuf>,
 }

@@ -27,7 +27,7 @@ const MOMENTS: [(&str, &str); 2] = [("report.png", "#t=30&theme=light"), ("repor
 pub(crate) fn run(args: &GalleryArgs, program: &Program) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| project::root().join("docs/pictures"));
     let machine = gnp_cli::machine(&args.machine, program)?;
-    let (page, figures) = gnp::write_report(&Run::finished(&args.run, &machine)?)?;
+    let (page, figures) = gnp::write_report(&mut Run::finished(&args.run, &machine)?)?;
     fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let terminal = machine.progress.as_ref();
     for figure in &figures {

@@ -117,7 +117,7 @@ fn describe(args: &IngestArgs, program: &Program) -> Result<()> {
 
 fn train(args: &StageArgs, stage: Option<Stage>, from: Option<&Path>, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let mut run = Run::open(&args.run, &machine)?;
+    let mut run = Run::resume(&args.run, &machine)?;
     run.say_data();
     if args.again {
         run.forget(stage.unwrap_or(Stage::Modes))?;
@@ -140,7 +140,7 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
             if args.out.is_some() {
                 bail!("--out is for other recordings (--data-dir); scores on a run's own windows stay in its folder");
             }
-            let mut run = Run::open(folder, &machine)?;
+            let mut run = Run::resume(folder, &machine)?;
             run.say_data();
             if args.again {
                 run.forget(Stage::Evaluate)?;
@@ -308,9 +308,9 @@ fn show_plan(table: &PreparedTable, json: bool) -> Result<()> {
 
 fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let run = Run::finished(&args.run, &machine)?;
+    let mut run = Run::finished(&args.run, &machine)?;
     let out = args.out.clone().unwrap_or_else(|| run.path().join("figures"));
-    let figures = gnp::draw_figures(&run, args.data_dir.as_deref(), &out)?;
+    let figures = gnp::draw_figures(&mut run, args.data_dir.as_deref(), &out)?;
     for figure in &figures {
         machine.progress.result(&format!("{}: {}", figure.name, figure.caption));
     }
@@ -417,6 +417,7 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
         Some(out) => out.clone(),
         None => explained.folder(&run)?,
     };
+    let _alone = if out.starts_with(run.path()) { Some(run.lock()?) } else { None };
     explained.save_figures(&out)?;
     machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())
@@ -424,7 +425,7 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
 
 fn report(args: &ReportArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let (page, _) = gnp::write_report(&Run::finished(&args.run, &machine)?)?;
+    let (page, _) = gnp::write_report(&mut Run::finished(&args.run, &machine)?)?;
     machine.progress.result(&format!("report: {}", page.display()));
     Ok(())
 }
@@ -447,6 +448,17 @@ fn replay(args: &ReplayArgs, program: &Program) -> Result<()> {
 /// The run that the command line names.
 fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Result<Plan> {
     let out = |name: &str| args.out.clone().unwrap_or_else(|| program.run_folder(name));
+    // Where nothing says what a run would be started from, there is one or none.
+    if args.resume && args.config.is_none() && args.dataset.is_none() && from.is_none() {
+        match &args.out {
+            None => bail!("which run is to be resumed? give its folder: --out DIR"),
+            Some(out) if !Plan::resume(out).is_started()? => bail!(
+                "there is no run in {0} to resume; start one with --dataset NAME --out {0}, or give the folder of one",
+                out.display()
+            ),
+            Some(_) => {}
+        }
+    }
     // A run is resumed with its own configuration, unless the command line says more than where it is and what it is of.
     if args.resume && args.config.is_none() && args.set.is_empty() {
         let there: Option<PathBuf> = match (&args.out, args.dataset) {

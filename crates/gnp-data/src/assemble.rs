@@ -71,7 +71,7 @@ impl Rows {
 #[non_exhaustive]
 pub enum NeighbourSource {
     /// The data names the vehicle in each slot, in the order of [`Slot::ALL`](crate::Slot::ALL); 0
-    /// or less for none.
+    /// or -1 for none. One that is not where its slot says is not taken, and counted.
     Named(Box<[Vec<i32>; SLOTS]>),
     /// They are found by [`find_neighbours`](crate::find_neighbours). The function gives a lane
     /// number of the data its place in the order from left to right, 1 leftmost; for most data that

@@ -7,9 +7,10 @@
 //! neighbours (u32) and, where the header says so, vehicle (u32) and headway (f32) of named leaders,
 //! one after the other; a row takes 50 or 58 bytes, about half of its line of CSV.
 
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::Path;
 
+use gnp_file::Seal;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
@@ -70,8 +71,23 @@ impl Recording {
         file.write_all(&VERSION.to_le_bytes()).map_err(io)?;
         file.write_all(&Sha256::digest(&body)).map_err(io)?;
         file.write_all(&body).map_err(io)?;
-        file.persist(path).map_err(|e| io(e.error))?;
-        Ok(())
+        file.persist(path).map_err(io)
+    }
+
+    /// Size of the file at `path` and the checksum that its head gives of the rest, which [`Recording::load`] compares: what
+    /// tells one kept recording from another without reading it all.
+    ///
+    /// # Errors
+    /// [`DataError::Io`] when the file cannot be read, [`DataError::Cache`] when it is foreign, of another version or
+    /// has no whole head.
+    pub fn seal(path: &Path) -> Result<Seal, DataError> {
+        let io = |source| DataError::Io { file: path.into(), source };
+        let file = std::fs::File::open(path).map_err(io)?;
+        let bytes = file.metadata().map_err(io)?.len();
+        let mut head = Vec::with_capacity(PREFIX);
+        file.take(PREFIX as u64).read_to_end(&mut head).map_err(io)?;
+        let sha256 = checksum(&head).map_err(|reason| DataError::Cache { file: path.into(), reason })?;
+        Ok(Seal { bytes, sha256: sha256.iter().map(|byte| format!("{byte:02x}")).collect() })
     }
 
     /// Reads a recording that [`Recording::save`] wrote.
@@ -85,7 +101,8 @@ impl Recording {
     }
 }
 
-fn parse(bytes: &[u8]) -> Result<Recording, String> {
+/// The checksum of what follows, as the head says it.
+fn checksum(bytes: &[u8]) -> Result<[u8; 32], String> {
     if bytes.get(..8) != Some(MAGIC.as_slice()) {
         return Err("not a recording kept by this program".into());
     }
@@ -96,8 +113,13 @@ fn parse(bytes: &[u8]) -> Result<Recording, String> {
     if version != VERSION {
         return Err(format!("the file has format version {version}, this program reads {VERSION}"));
     }
+    Ok(array(&bytes[12..]))
+}
+
+fn parse(bytes: &[u8]) -> Result<Recording, String> {
+    let checksum = checksum(bytes)?;
     let body = &bytes[44..];
-    if Sha256::digest(body).as_slice() != &bytes[12..44] {
+    if Sha256::digest(body).as_slice() != checksum {
         return Err("the checksum does not fit: the file is truncated or changed".into());
     }
     let length = u64::from_le_bytes(array(body)) as usize;

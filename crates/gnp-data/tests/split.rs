@@ -206,6 +206,13 @@ fn a_saved_split_comes_back_for_recordings_in_another_order() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file is left");
 }
 
+/// A changed file with its checksum taken anew.
+fn sealed(text: &str) -> String {
+    let members = text.split_once("\",").unwrap().1;
+    let sum = gnp_file::sha256([members.trim_end_matches('\n').as_bytes()]);
+    format!("{{\"sha256\":\"{sum}\",{members}")
+}
+
 #[test]
 fn a_changed_foreign_or_broken_file_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -219,9 +226,15 @@ fn a_changed_foreign_or_broken_file_is_refused() {
         Split::load(set, &path).unwrap_err().to_string()
     };
 
+    // Somebody who knows the format can take the checksum anew; windows still have their hash.
     let moved = text.replacen("\"validation\":", "\"moved\":", 1).replacen("\"test\":", "\"validation\":", 1);
-    let moved = load(&moved.replacen("\"moved\":", "\"test\":", 1), &set);
-    assert!(moved.contains("was changed"), "{moved}");
+    let moved = moved.replacen("\"moved\":", "\"test\":", 1);
+    let under_a_new_sum = load(&sealed(&moved), &set);
+    assert!(under_a_new_sum.contains("was changed"), "{under_a_new_sum}");
+    for changed in [&moved, &text.replacen("\"leaks\":false", "\"leaks\":true", 1)] {
+        let changed = load(changed, &set);
+        assert!(changed.contains("it differs from what was written"), "{changed}");
+    }
     let truncated = load(&text[..text.len() / 2], &set);
     assert!(truncated.contains("split.json"), "{truncated}");
     let (fewer, _) = WindowSet::cut(&recordings[1..], &short_windows()).unwrap();
@@ -231,8 +244,8 @@ fn a_changed_foreign_or_broken_file_is_refused() {
     let (longer, _) = WindowSet::cut(&recordings, &longer).unwrap();
     let longer = load(&text, &longer);
     assert!(longer.contains("4 + 5 frames") && longer.contains("4 + 6 frames"), "{longer}");
-    let newer = load(&text.replacen("\"version\":2", "\"version\":3", 1), &set);
-    assert!(newer.contains("version 3"), "{newer}");
+    let newer = load(&sealed(&text.replacen("\"version\":3", "\"version\":4", 1)), &set);
+    assert!(newer.contains("version 4"), "{newer}");
     std::fs::remove_file(&path).unwrap();
     assert!(matches!(Split::load(&set, &path), Err(DataError::Io { .. })));
 }
@@ -248,19 +261,19 @@ fn the_check_finds_windows_that_share_a_frame_across_parts() {
     leaking.save(&set, &path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     for kind in ["recording", "vehicle", "time"] {
-        std::fs::write(&path, text.replace("\"s\":\"window\"", &format!("\"s\":\"{kind}\""))).unwrap();
+        std::fs::write(&path, sealed(&text.replace("\"s\":\"window\"", &format!("\"s\":\"{kind}\"")))).unwrap();
         let error = Split::load(&set, &path).unwrap_err();
         assert!(matches!(error, DataError::SharedFrame { .. }), "{kind}: {error}");
     }
     // By time is not by vehicle: frames are apart, but a vehicle stands in two parts.
     Split::new(&set, &config(SplitKind::Time, 1), &[]).unwrap().save(&set, &path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, text.replace("\"s\":\"time\"", "\"s\":\"vehicle\"")).unwrap();
+    std::fs::write(&path, sealed(&text.replace("\"s\":\"time\"", "\"s\":\"vehicle\""))).unwrap();
     assert!(matches!(Split::load(&set, &path), Err(DataError::SharedFrame { vehicle: 1, .. })));
     // By vehicle is not by recording.
     Split::new(&set, &config(SplitKind::Vehicle, 1), &[]).unwrap().save(&set, &path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, text.replace("\"s\":\"vehicle\"", "\"s\":\"recording\"")).unwrap();
+    std::fs::write(&path, sealed(&text.replace("\"s\":\"vehicle\"", "\"s\":\"recording\""))).unwrap();
     assert!(matches!(Split::load(&set, &path), Err(DataError::SharedFrame { .. })));
     // And against other recordings it is refused.
     let other = [recording("a", "s", 10., &[(1, 0, 0, 9)])];
@@ -381,7 +394,7 @@ fn an_overlap_that_is_not_kept_together_is_called_a_leak_and_kept_in_the_file() 
     parted.unwrap().save(&set, &path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     let known = format!("\"overlaps\":[{}]", serde_json::to_string(&overlap(2, 9)).unwrap());
-    std::fs::write(&path, text.replace("\"overlaps\":[]", &known)).unwrap();
+    std::fs::write(&path, sealed(&text.replace("\"overlaps\":[]", &known))).unwrap();
     let error = Split::load(&set, &path).unwrap_err();
     assert!(matches!(error, DataError::SharedVehicles { .. }), "{error}");
 }

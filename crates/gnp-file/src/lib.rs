@@ -1,6 +1,11 @@
-//! Files that appear whole or not at all: written under a temporary name beside the place they
-//! are for, then renamed. A program that is killed, or a disk that is full, leaves the old file.
-//! [`save_arrays`] and [`load_arrays`] are the one format of named arrays: checkpoints and modes.
+//! Files that appear whole or not at all, that say what they should hold, and that one program writes at a time.
+//!
+//! - [`save`] and [`beside`] write under a temporary name beside the place, bring the bytes to the disk, then rename: a
+//!   program that is killed, a power cut or a full disk leaves the old file or the new one. What a killed program leaves
+//!   is recognised by [`sweep`].
+//! - [`save_arrays`] and [`load_arrays`] are the one format of named arrays, checkpoints and modes, under a checksum;
+//!   [`save_json`] and [`load_json`] are the same for what is not an array; [`Seal`] says what any other file holds.
+//! - [`Lock`] keeps other programs out of a folder, and says who holds it. It is free when its program ends, however.
 //!
 //! ```
 //! let folder = tempfile::tempdir()?;
@@ -10,75 +15,39 @@
 //! # Ok::<(), std::io::Error>(())
 //! ```
 
+mod json;
+mod lock;
+mod seal;
+mod temporary;
 mod tensors;
 
-use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-pub use tempfile::NamedTempFile;
+pub use crate::json::{json_line, load_json, parse_json, save_json};
+pub use crate::lock::{Lock, LockError, Owner};
+pub use crate::seal::{Seal, sha256};
+pub use crate::temporary::{Draft, Temporary, beside, copy, save, sweep, sweep_drafts};
+pub use crate::tensors::{Array, FileHeader, Values, load_arrays, save_arrays};
 
-pub use crate::tensors::{Array, FileError, FileHeader, Values, load_arrays, save_arrays};
-
-/// A temporary file in the folder of `path`, as readable as any other new file; `persist` it to
-/// `path` once it is whole.
-///
-/// # Errors
-/// When the folder is missing or cannot be written to.
-pub fn beside(path: &Path) -> io::Result<NamedTempFile> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
-    builder.tempfile_in(folder)
+/// A file that cannot be written, read or used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", path.display())]
+#[non_exhaustive]
+pub struct FileError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong, and what to do.
+    pub problem: String,
 }
 
-/// Writes `bytes` to `path`, whole or not at all.
-///
-/// # Errors
-/// When the file cannot be written or renamed; what stood at `path` is then still there.
-pub fn save(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut file = beside(path)?;
-    file.write_all(bytes)?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
+impl FileError {
+    /// `problem` follows the path and says what to do.
+    pub fn new(path: &Path, problem: impl Into<String>) -> Self {
+        Self { path: path.to_owned(), problem: problem.into() }
+    }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn replaces_what_was_there_and_leaves_nothing_else() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.txt");
-        save(&path, b"one").unwrap();
-        save(&path, b"two").unwrap();
-        assert_eq!(std::fs::read(&path).unwrap(), b"two");
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-    }
-
-    #[test]
-    fn what_is_dropped_half_written_is_gone() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.txt");
-        save(&path, b"old").unwrap();
-        let mut half = beside(&path).unwrap();
-        half.write_all(b"new, but").unwrap();
-        drop(half);
-        assert_eq!(std::fs::read(&path).unwrap(), b"old");
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-        assert!(save(&folder.path().join("missing/a.txt"), b"x").is_err());
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn others_may_read_what_the_umask_lets_them() {
-        use std::os::unix::fs::PermissionsExt;
-        let folder = tempfile::tempdir().unwrap();
-        let (ours, plain) = (folder.path().join("ours"), folder.path().join("plain"));
-        save(&ours, b"x").unwrap();
-        std::fs::write(&plain, b"x").unwrap();
-        let mode = |path| std::fs::metadata(path).unwrap().permissions().mode();
-        assert_eq!(mode(ours), mode(plain));
-    }
+/// The folder that `path` is in.
+fn parent(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use gnp_data::WindowShape;
 
+use crate::checkpoint::Component;
+
 /// Why a model could not be made, loaded or used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -34,6 +36,14 @@ pub enum ModelError {
         /// The file.
         path: PathBuf,
         /// What is wrong and what to do.
+        problem: String,
+    },
+    /// Weights that are not those of the network that their header describes.
+    #[error("the weights of `{}` do not fit its network ({problem}): train again", part.name())]
+    Weights {
+        /// Whose they are.
+        part: Component,
+        /// Which weight is missing or has another shape.
         problem: String,
     },
     /// Threads that the system does not give.
@@ -75,7 +85,25 @@ impl ModelError {
         Self::Config { key, problem: problem.to_owned() }
     }
 
+    pub(crate) fn weights(part: Component, error: &dyn std::error::Error) -> Self {
+        Self::Weights { part, problem: chain(error) }
+    }
+
     pub(crate) fn checkpoint(path: &std::path::Path, problem: impl Into<String>) -> Self {
         Self::Checkpoint { path: path.to_owned(), problem: problem.into() }
     }
+}
+
+/// An error with its causes, each said once, in one line.
+fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let more = error.to_string();
+        if !text.contains(&more) {
+            text += &format!(": {more}");
+        }
+        cause = error.source();
+    }
+    text
 }

@@ -68,8 +68,8 @@ pub(crate) struct Goals {
 }
 
 impl Gnp {
-    /// Loads a run folder: `modes.safetensors`, `goal.safetensors`, and `repulsion.safetensors` or,
-    /// without it, `attraction.safetensors`. A folder with neither force gives the goal head alone.
+    /// Loads a run folder: `modes.safetensors`, `goal.safetensors` and `repulsion.safetensors`, which has the whole force.
+    /// A model of less is made by [`Gnp::new`].
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`] naming the file, also when the parts were not trained together.
@@ -78,23 +78,20 @@ impl Gnp {
         let path = folder.join("goal.safetensors");
         let goal = Checkpoint::load(&path)?;
         goal.header.expect(&path, Component::Goal, None)?;
-        let force = [Component::Repulsion, Component::Attraction]
-            .into_iter()
-            .map(|part| (part, folder.join(format!("{}.safetensors", part.name()))))
-            .find(|(_, path)| path.exists());
-        let force = match force {
-            Some((part, path)) => {
-                let checkpoint = Checkpoint::load(&path)?;
-                checkpoint.header.expect(&path, part, Some(goal.header.shape))?;
-                if checkpoint.header.split_hash != goal.header.split_hash {
-                    let problem = "was trained on another split than the goal network: train both on one split";
-                    return Err(ModelError::checkpoint(&path, problem));
-                }
-                Some(checkpoint)
+        let force_path = folder.join("repulsion.safetensors");
+        let force = Checkpoint::load(&force_path)?;
+        force.header.expect(&force_path, Component::Repulsion, Some(goal.header.shape))?;
+        if force.header.split_hash != goal.header.split_hash {
+            let problem = "was trained on another split than the goal network: train both on one split";
+            return Err(ModelError::checkpoint(&force_path, problem));
+        }
+        Self::new(modes, &goal, Some(&force), neighbours, device).map_err(|error| match error {
+            ModelError::Weights { part, problem } => {
+                let path = if part == Component::Goal { &path } else { &force_path };
+                ModelError::checkpoint(path, format!("does not hold this network ({problem}): train again"))
             }
-            None => None,
-        };
-        Self::new(modes, &goal, force.as_ref(), neighbours, device)
+            other => other,
+        })
     }
 
     /// The predictor of these modes and weights; without `force` the goal head's own futures.
@@ -110,6 +107,7 @@ impl Gnp {
     ) -> Result<Self, ModelError> {
         let header = goal.header.clone();
         let features = header.features.clone();
+        features.check()?;
         let missing = |key| ModelError::config(key, "is missing in the checkpoint's header: train again");
         let platoon = features.config().reference == ReferencePath::Platoon;
         match neighbours {
@@ -128,7 +126,8 @@ impl Gnp {
             return Err(ModelError::config("modes", "do not have the goal network's frames: cluster and train again"));
         }
         let config = header.goal.as_ref().ok_or_else(|| missing("goal"))?;
-        let net = GoalNet::new(config, features.goal_shape(), constants(goal, device))?;
+        let net = GoalNet::new(config, features.goal_shape(), constants(goal, device))
+            .map_err(|error| ModelError::weights(Component::Goal, &error))?;
         let force = match force {
             Some(checkpoint) => {
                 if checkpoint.header.features.config().reference != features.config().reference {
@@ -138,7 +137,9 @@ impl Gnp {
                 let config = checkpoint.header.traj.as_ref().ok_or_else(|| missing("traj"))?;
                 let phase =
                     if checkpoint.header.part == Component::Attraction { Phase::Attraction } else { Phase::Full };
-                Some((SocialForce::new(config, constants(checkpoint, device))?, phase))
+                let force = SocialForce::new(config, constants(checkpoint, device))
+                    .map_err(|error| ModelError::weights(checkpoint.header.part, &error))?;
+                Some((force, phase))
             }
             None => None,
         };

@@ -159,12 +159,19 @@ impl<'a> Files<'a> {
         Ok(Self { best: TrainedBaseline::path(folder, kind, data.form()), last, first, header, weights })
     }
 
-    /// Where an earlier run stopped. Statistics that no gradient trains are put into the network.
+    /// Where an earlier run stopped; nowhere where its file is damaged, of which is warned. Statistics that no gradient
+    /// trains are put into the network.
     fn resume(&self) -> Result<Option<TrainingState>, NeuralBaselineError> {
         if !self.last.exists() {
             return Ok(None);
         }
-        let checkpoint = Checkpoint::load(&self.last)?;
+        let checkpoint = match Checkpoint::load(&self.last) {
+            Ok(checkpoint) => checkpoint,
+            Err(error) => {
+                tracing::warn!("{error}; the training of {} starts anew", self.header.kind.name());
+                return Ok(None);
+            }
+        };
         let (now, then) = (&self.header, &checkpoint.header);
         let pairs = [
             ("kind", now.kind == then.kind),

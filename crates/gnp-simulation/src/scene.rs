@@ -1,5 +1,6 @@
 //! What a scene file says: road, drivers, demand, time.
 use crate::error::SimulationError;
+use gnp_data::limits::{MAX_LINES, MAX_POSITION};
 use gnp_force::{Headways, Mobil, MotorwayRule, Noise, PairRule, Rule};
 use serde::{Deserialize, Serialize};
 
@@ -7,8 +8,10 @@ use serde::{Deserialize, Serialize};
 const MOST_SECONDS: f64 = 86_400.0;
 /// Where vehicles enter, no lane may be closed for so many metres.
 const ENTRY_M: f64 = 100.0;
-/// Most vehicles that start, and most lanes.
-const MOST: [usize; 2] = [100_000, 64];
+/// Most vehicles that start, and most lanes: those of a recording.
+const MOST: [usize; 2] = [100_000, MAX_LINES - 1];
+/// Longest road, m: what is simulated is a recording, whose vehicles may go a little beyond the end.
+const MOST_M: f64 = MAX_POSITION as f64 - 1_000.0;
 /// Most seeds, detectors, closures, kinds of drivers and the like.
 const MOST_ENTRIES: usize = 1000;
 /// Length of a standing vehicle with its gap, m.
@@ -295,7 +298,7 @@ impl Scene {
         let road = &self.road;
         within("road.lanes", road.lanes as f64, 1.0, MOST[1] as f64)?;
         within("road.lane_width_m", road.lane_width_m, 2.0, 10.0)?;
-        within("road.length_m", road.length_m, 20.0, 1e6)?;
+        within("road.length_m", road.length_m, 20.0, MOST_M)?;
         let frames = self.duration_s * self.record_hz;
         require(frames >= 2.0, "duration_s", self.duration_s, "two recorded frames or more")?;
         for (number, closure) in road.closures.iter().enumerate() {
@@ -380,6 +383,8 @@ impl Scene {
         within("desired_speed_mps.mean", drivers.desired_speed_mps.mean, 0.1, 70.0)?;
         within("desired_speed_mps.sd", drivers.desired_speed_mps.sd, 0.0, 30.0)?;
         PairRule::<f64>::check(&drivers.rule)?;
+        drivers.noise.as_ref().map_or(Ok(()), Noise::check)?;
+        drivers.lane_change.as_ref().map_or(Ok(()), Mobil::check)?;
         for lane in drivers.lanes.iter().flatten() {
             within("lanes", *lane as f64, 0.0, (self.road.lanes - 1) as f64)?;
         }

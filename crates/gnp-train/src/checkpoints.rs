@@ -41,18 +41,24 @@ impl Checkpoints {
         })
     }
 
-    /// The state to resume from; `None` when there is no last checkpoint yet.
+    /// The state to resume from; `None` when there is no last checkpoint yet, or it is damaged, of which is warned: then
+    /// the training starts anew.
     ///
     /// # Errors
-    /// [`TrainError::Model`] when the file is damaged; [`TrainError::Resume`] when it was trained
-    /// on other windows, features or sizes.
+    /// [`TrainError::Resume`] when it was trained on other windows, features or sizes.
     pub fn last(&self) -> Result<Option<TrainingState>, TrainError> {
         let path = self.path(CheckpointSlot::Last);
         if !path.exists() {
             return Ok(None);
         }
-        let checkpoint = Checkpoint::load(&path).map_err(ModelError::from)?;
-        checkpoint.header.expect(&path, self.header.part, Some(self.header.shape))?;
+        let stage = self.header.part.name();
+        let checkpoint = match self.whole(&path) {
+            Ok(checkpoint) => checkpoint,
+            Err(error) => {
+                tracing::warn!("{error}; the training of {stage} starts anew");
+                return Ok(None);
+            }
+        };
         let (now, then) = (&self.header, &checkpoint.header);
         let pairs = [
             ("the split", now.split_hash == then.split_hash),
@@ -62,7 +68,6 @@ impl Checkpoints {
             ("the seed", now.seed == then.seed),
             ("the run to start from", now.origin == then.origin),
         ];
-        let stage = self.header.part.name();
         if let Some((what, _)) = pairs.iter().find(|(_, same)| !same) {
             return Err(TrainError::Resume { stage, difference: format!("{what} is not that of {}", path.display()) });
         }
@@ -86,20 +91,46 @@ impl Checkpoints {
             return Err(ModelError::Checkpoint { path: path.to_owned(), problem }.into());
         }
         let taken = tensors.iter().filter(|(name, _)| trained.contains_key(*name));
-        self.weights.set(taken.map(|(name, tensor)| (name.as_str(), tensor)))?;
-        Ok(())
+        self.put(path, taken)
     }
 
     /// Puts the weights of the best epoch into the network.
     ///
     /// # Errors
-    /// [`TrainError::Model`] when there is no such file, or it is damaged.
+    /// [`TrainError::Model`] when there is no such file, or it is damaged, of another split, or lacks one of the weights.
     pub fn restore_best(&self) -> Result<(), TrainError> {
         let path = self.path(CheckpointSlot::Best);
-        let checkpoint = Checkpoint::load(&path).map_err(ModelError::from)?;
-        checkpoint.header.expect(&path, self.header.part, Some(self.header.shape))?;
-        self.weights.set(checkpoint.tensors.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
-        Ok(())
+        let checkpoint = self.whole(&path)?;
+        if checkpoint.header.split_hash != self.header.split_hash {
+            let problem = "was trained on another split: train it again".to_owned();
+            return Err(ModelError::Checkpoint { path, problem }.into());
+        }
+        self.put(&path, &checkpoint.tensors)
+    }
+
+    /// The checkpoint at `path`, of this part and shape, with every weight that the network has so far.
+    fn whole(&self, path: &Path) -> Result<Checkpoint, TrainError> {
+        let checkpoint = Checkpoint::load(path).map_err(ModelError::from)?;
+        checkpoint.header.expect(path, self.header.part, Some(self.header.shape))?;
+        match self.weights.named().into_keys().find(|name| !checkpoint.tensors.contains_key(name)) {
+            Some(name) => {
+                let problem = format!("has no weight `{name}`: train again");
+                Err(ModelError::Checkpoint { path: path.to_owned(), problem }.into())
+            }
+            None => Ok(checkpoint),
+        }
+    }
+
+    /// Puts the tensors of the file at `path` into the network.
+    fn put<'a>(
+        &self,
+        path: &Path,
+        tensors: impl IntoIterator<Item = (&'a String, &'a Tensor)>,
+    ) -> Result<(), TrainError> {
+        self.weights.set(tensors.into_iter().map(|(name, tensor)| (name.as_str(), tensor))).map_err(|error| {
+            let problem = format!("does not hold this network ({error}): train again");
+            ModelError::Checkpoint { path: path.to_owned(), problem }.into()
+        })
     }
 }
 

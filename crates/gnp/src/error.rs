@@ -69,6 +69,9 @@ pub enum Error {
     /// A file of weights cannot be read.
     #[error(transparent)]
     File(#[from] gnp_file::FileError),
+    /// A lock cannot be had.
+    #[error(transparent)]
+    Lock(#[from] gnp_file::LockError),
     /// The goal network.
     #[error(transparent)]
     Goal(#[from] gnp_goal::GoalError),

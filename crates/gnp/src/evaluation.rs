@@ -195,17 +195,18 @@ fn stoppable<T>(result: std::result::Result<T, EvalError>) -> Result<T> {
     }
 }
 
-/// Scores a run on the windows of its split that its configuration names.
+/// Scores a run on the windows of its split that its configuration names; returns the files that only some systems leave.
 ///
 /// # Errors
 /// When the model does not fit the windows or a file cannot be written.
-pub(crate) fn own(run: &Run) -> Result<()> {
+pub(crate) fn own(run: &Run) -> Result<Vec<String>> {
     let set = run.windows()?;
     let split = run.split(&set)?;
     let (scored, data) = (run.config.evaluate.subset, &run.folder.state.data);
     let (ids, fitting) = (split.subset(scored), fitting(&set, &split, scored));
     let material = Material { set: &set, ids, fitting, split: split_description(run, &split), data };
-    of_run(run, &material, run.path()).map(|_| ())
+    let scores = of_run(run, &material, run.path())?;
+    Ok(if scores.faithfulness.is_empty() { Vec::new() } else { vec![faithfulness::FILE.to_owned()] })
 }
 
 impl Run {

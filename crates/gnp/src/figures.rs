@@ -17,7 +17,10 @@ use gnp_plot::{Figure, Painter, Source};
 use crate::data::ingest;
 use crate::data::source;
 use crate::run::Run;
-use crate::run::folder::{DataState, write};
+use crate::run::folder::{DataState, Stage, write};
+
+/// Folder of the figures in a run folder.
+pub(crate) const FIGURES: &str = "figures";
 
 /// Most windows that are forecast for the figures; of more, every n-th is taken.
 const MOST: usize = 4000;
@@ -36,14 +39,28 @@ struct Material<'a> {
     source: Source,
 }
 
-/// Draws every figure of a run, on its own recordings or on those of `data`, and writes each as SVG and PNG to `out`.
+/// Draws every figure of a run, on its own recordings or on those of `data`, and writes each as SVG and PNG to `out`. Where
+/// those are the run's own figures, it is written down what they should be.
 ///
 /// # Errors
 /// When a file of the run or the recordings cannot be used, or a figure cannot be written.
-pub fn draw_figures(run: &Run, data: Option<&Path>, out: &Path) -> Result<Vec<Figure>> {
+pub fn draw_figures(run: &mut Run, data: Option<&Path>, out: &Path) -> Result<Vec<Figure>> {
     let figures = draw(run, data)?;
-    save(&figures, out)?;
+    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    let place = |path: &Path| fs::canonicalize(path).ok();
+    if place(out) == place(&run.folder.path(FIGURES)) {
+        run.rewriting(Stage::Report, |run| Ok(((), save_own(run, &figures)?)))?;
+    } else {
+        save(&figures, out)?;
+    }
     Ok(figures)
+}
+
+/// Writes figures to the folder of a run; returns their names from there.
+pub(crate) fn save_own(run: &Run, figures: &[Figure]) -> Result<Vec<String>> {
+    save(figures, &run.folder.path(FIGURES))?;
+    let files = |figure: &Figure| ["svg", "png"].map(|kind| format!("{FIGURES}/{}.{kind}", figure.name));
+    Ok(figures.iter().flat_map(files).collect())
 }
 
 /// Writes each figure to a folder, as SVG and as PNG.

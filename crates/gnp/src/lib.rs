@@ -64,6 +64,7 @@ pub use crate::realism::{RealismPlan, realism, realism_text, save_realism};
 pub use crate::report::{Replayed, can_replay, write_replay, write_report};
 pub use crate::run::Run;
 pub use crate::run::folder::{DataState, RunState, Stage};
+pub use crate::run::manifest::RunFile;
 pub use crate::stages::Plan;
 pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Recipes, ablate};
 pub use crate::traffic::{DriveOn, Measured, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};

@@ -15,26 +15,34 @@ use crate::error::Result;
 use crate::evaluation::{faithfulness, fold, split_description};
 use crate::figures;
 use crate::run::Run;
-use crate::run::folder::write;
+use crate::run::folder::{Stage, write};
 use crate::stages::kinds;
 
 /// Name of the figure at the top of the page.
 const OPENING: &str = "error-by-horizon";
 
-/// Writes `report.html` of a run, and the figures in it to the folder `figures`.
+/// File of the page in a run folder.
+const PAGE: &str = "report.html";
+
+/// Writes `report.html` of a run, and the figures in it to the folder `figures`, whose files are returned.
 ///
 /// # Errors
 /// As [`write_report`].
-pub(crate) fn write_with_figures(run: &Run) -> Result<()> {
-    let (_, figures) = write_report(run)?;
-    figures::save(&figures, &run.folder.path("figures"))
+pub(crate) fn write_with_figures(run: &Run) -> Result<Vec<String>> {
+    figures::save_own(run, &write_page(run)?)
 }
 
 /// Writes `report.html` to the folder of a finished run, and says where it is and which figures are in it.
 ///
 /// # Errors
 /// When a file of the run cannot be used or the page cannot be written.
-pub fn write_report(run: &Run) -> Result<(PathBuf, Vec<Figure>)> {
+pub fn write_report(run: &mut Run) -> Result<(PathBuf, Vec<Figure>)> {
+    let figures = run.rewriting(Stage::Report, |run| Ok((write_page(run)?, vec![PAGE.to_owned()])))?;
+    Ok((run.path().join(PAGE), figures))
+}
+
+/// Writes the page; returns the figures in it.
+fn write_page(run: &Run) -> Result<Vec<Figure>> {
     let set = run.windows()?;
     let split = run.split(&set)?;
     let data = &run.folder.state.data;
@@ -67,9 +75,8 @@ pub fn write_report(run: &Run) -> Result<(PathBuf, Vec<Figure>)> {
     let mut provenance = ReportSection::new("Provenance");
     provenance.facts = facts(run, &split);
     report.sections.extend([recordings, provenance]);
-    let out = run.path().join("report.html");
-    write(&out, report.html()?.as_bytes())?;
-    Ok((out, figures))
+    write(&run.path().join(PAGE), report.html()?.as_bytes())?;
+    Ok(figures)
 }
 
 /// The tables of scores, one section a protocol: `clean` first, the others folded away.

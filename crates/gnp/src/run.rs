@@ -1,20 +1,28 @@
 //! A run being worked on: its folder, its configuration, its recordings, the machine.
 
+pub(crate) mod draft;
 pub(crate) mod folder;
+pub(crate) mod manifest;
+mod mend;
 pub(crate) mod origin;
 
 use std::cell::OnceCell;
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use gnp_data::{Recording, Split, WindowSet};
+use gnp_file::{Lock, LockError};
 use gnp_model::{Features, Gnp, ReferencePath};
 
 use crate::config::RunConfig;
-use crate::data::ingest::IngestSummary;
-use crate::error::{Result, bail};
+use crate::data::ingest::{IngestSummary, RECORDINGS};
+use crate::error::{Error, Result, bail};
 use crate::evaluation::rules;
+use crate::figures::FIGURES;
 use crate::machine::Machine;
-use crate::run::folder::{RunFolder, RunState, Stage, write_state};
+use crate::run::draft::{sweep, sweep_drafts};
+use crate::run::folder::{RunFolder, RunState, Stage};
+use crate::run::manifest::{Damage, EVENTS, RunFile};
 use crate::run::origin::Finished;
 
 /// A run: a folder with everything that was made from some recordings by one configuration.
@@ -25,15 +33,40 @@ pub struct Run {
     pub(crate) config: RunConfig,
     pub(crate) machine: Machine,
     recordings: OnceCell<Vec<Recording>>,
+    /// While something is written into the folder.
+    lock: Option<Lock>,
 }
 
 impl Run {
-    /// Opens the folder of a run, whatever is finished of it.
+    /// Opens the folder of a run to read, whatever is finished of it. Every file is compared with what was written; of
+    /// recordings the rest when they are read.
     ///
     /// # Errors
-    /// When it is not a run folder, or a file of it cannot be read.
+    /// When it is not a run folder, or a file of it is missing or differs from what was written.
     pub fn open(folder: &Path, machine: &Machine) -> Result<Self> {
-        let folder = RunFolder::open(folder)?;
+        let folder = RunFolder::whole(folder)?;
+        let config = RunConfig::read(&folder.path("config.toml"), &[])?;
+        Ok(Self::new(folder, &config, machine))
+    }
+
+    /// Opens the folder of a run to go on with it: what killed programs left in it goes; where files are missing or differ
+    /// from what was written, their stages and what was made from them are to be done again, which is said.
+    ///
+    /// # Errors
+    /// When it is not a run folder, or a file is damaged that cannot be made again; when the folder is damaged and another
+    /// process writes into it.
+    pub fn resume(folder: &Path, machine: &Machine) -> Result<Self> {
+        sweep_drafts(folder, machine);
+        let (folder, damage) = RunFolder::look(folder)?;
+        sweep(&places(&folder), machine);
+        if damage.is_empty() {
+            let config = RunConfig::read(&folder.path("config.toml"), &[])?;
+            return Ok(Self::new(folder, &config, machine));
+        }
+        Damage::check(&damage, folder.root())?;
+        let _lock = lock(&folder)?;
+        let mut folder = RunFolder::open(folder.root())?;
+        mend::mend(&mut folder, machine)?;
         let config = RunConfig::read(&folder.path("config.toml"), &[])?;
         Ok(Self::new(folder, &config, machine))
     }
@@ -51,7 +84,7 @@ impl Run {
     }
 
     pub(crate) fn new(folder: RunFolder, config: &RunConfig, machine: &Machine) -> Self {
-        Self { folder, config: config.seeded(), machine: machine.clone(), recordings: OnceCell::new() }
+        Self { folder, config: config.seeded(), machine: machine.clone(), recordings: OnceCell::new(), lock: None }
     }
 
     /// The same with recordings that are in memory already.
@@ -76,6 +109,70 @@ impl Run {
     #[must_use]
     pub fn state(&self) -> &RunState {
         &self.folder.state
+    }
+
+    /// Keeps other processes from writing into the folder until the lock is dropped; for who writes files into it that are
+    /// of no stage. Everything of this crate that writes does so by itself.
+    ///
+    /// # Errors
+    /// When another one writes into it, naming it; when the folder cannot be written to.
+    pub fn lock(&self) -> Result<Lock> {
+        lock(&self.folder)
+    }
+
+    /// Does some work that writes into the folder, as the only one. What others did in it meanwhile is seen, and what they
+    /// left damaged is made good.
+    ///
+    /// # Errors
+    /// As [`Run::lock`], [`Run::resume`] and those of the work.
+    pub(crate) fn writing<T>(&mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        let outermost = self.lock.is_none();
+        if outermost {
+            self.lock = Some(lock(&self.folder)?);
+            let ready = RunFolder::open(self.folder.root()).and_then(|mut folder| {
+                sweep(&places(&folder), &self.machine);
+                mend::mend(&mut folder, &self.machine)?;
+                Ok(folder)
+            });
+            match ready {
+                Ok(folder) => self.folder = folder,
+                Err(error) => {
+                    self.lock = None;
+                    return Err(error);
+                }
+            }
+        }
+        let result = work(self);
+        if outermost {
+            self.lock = None;
+        }
+        result
+    }
+
+    /// Writes files of a stage anew beside those that it left. A stage that was finished is not while they are written: who
+    /// is killed in between finds it to be done.
+    ///
+    /// # Errors
+    /// As [`Run::writing`].
+    pub(crate) fn rewriting<T>(
+        &mut self,
+        stage: Stage,
+        work: impl FnOnce(&Self) -> Result<(T, Vec<String>)>,
+    ) -> Result<T> {
+        self.writing(|run| {
+            let state = &mut run.folder.state;
+            let seconds = state.finished.remove(&stage);
+            let (of_stage, others) =
+                std::mem::take(&mut state.files).into_iter().partition(|(_, it)| it.stage == stage);
+            state.files = others;
+            let earlier: BTreeMap<String, RunFile> = of_stage;
+            run.folder.write()?;
+            let (made, names) = work(run)?;
+            run.folder.record(stage, earlier.into_keys().chain(names))?;
+            run.folder.state.finished.extend(seconds.map(|seconds| (stage, seconds)));
+            run.folder.write()?;
+            Ok(made)
+        })
     }
 
     pub(crate) fn note(&self, text: &str) {
@@ -127,20 +224,23 @@ impl Run {
     /// When that run is not finished or has another form; when this one has modes already, or starts from another run.
     pub fn start_from(&mut self, folder: &Path) -> Result<()> {
         let origin = Finished::open(folder)?;
-        if let Some(before) = &self.folder.state.origin {
-            return origin.expect(before, self.folder.root());
-        }
-        if self.folder.has(Stage::Modes) {
-            bail!(
-                Folder,
-                "{} has modes of its own; start over from {} by --again",
-                self.folder.root().display(),
-                folder.display()
-            );
-        }
-        let config = RunConfig::read(&self.folder.path("config.toml"), &[])?;
-        self.folder.state.origin = Some(origin.copy(&config, self.folder.root())?);
-        write_state(self.folder.root(), &self.folder.state)
+        self.writing(|run| {
+            if let Some(before) = &run.folder.state.origin {
+                return origin.expect(before, run.folder.root());
+            }
+            if run.folder.has(Stage::Modes) {
+                bail!(
+                    Folder,
+                    "{} has modes of its own; start over from {} by --again",
+                    run.folder.root().display(),
+                    folder.display()
+                );
+            }
+            let config = RunConfig::read(&run.folder.path("config.toml"), &[])?;
+            run.folder.state.origin = Some(origin.copy(&config, run.folder.root())?);
+            run.folder.record(Stage::Ingest, origin::files())?;
+            run.folder.write()
+        })
     }
 
     /// The split of the run and the features of its training part; a fine-tuned run keeps the statistics that its networks
@@ -173,6 +273,32 @@ impl Run {
         self.folder.require(Stage::Evaluate)?;
         let predict = &self.config.predict;
         let gnp = Gnp::load(self.folder.root(), predict.neighbours.without_future(), &self.machine.device)?;
+        if gnp.header().split_hash != self.folder.state.split_hash {
+            bail!(
+                Folder,
+                "{} was trained on another split than that of the run; train it again",
+                self.folder.path("goal.safetensors").display()
+            );
+        }
         Ok(gnp.selecting(predict.selection).trusting(predict.trust)?)
     }
+}
+
+/// The lock of who writes into a run folder.
+fn lock(folder: &RunFolder) -> Result<Lock> {
+    Lock::take(&folder.path(gnp_file::Draft::LOCK)).map_err(|error| match error {
+        LockError::Held { owner, .. } => {
+            let owner = owner.map_or_else(|| "another process".to_owned(), |owner| owner.to_string());
+            let dir = folder.root().display();
+            Error::Folder(format!(
+                "{dir} is being written by {owner}; wait for its end, stop it, or take another folder"
+            ))
+        }
+        other => other.into(),
+    })
+}
+
+/// Folders of a run in which files appear.
+fn places(folder: &RunFolder) -> Vec<PathBuf> {
+    ["", RECORDINGS, EVENTS, FIGURES, origin::FOLDER].map(|name| folder.path(name)).into()
 }

@@ -7,20 +7,21 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use gnp_data::{Dataset, Recording};
-use gnp_model::Component;
+use gnp_model::{Component, ReferencePath};
 
 pub(crate) use self::modes::kinds;
 pub(crate) use self::training::Watch;
 use crate::config::RunConfig;
 use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
-use crate::evaluation;
+use crate::evaluation::{self, rules};
 use crate::machine::Machine;
 use crate::needs;
 use crate::report;
 use crate::run::Run;
-use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
-use crate::run::origin::Finished;
+use crate::run::draft::{Draft, occupied};
+use crate::run::folder::{RunFolder, RunState, Stage, write, write_state};
+use crate::run::origin::{self, Finished};
 
 /// A run that is to be there: started or resumed.
 #[derive(Clone, Debug)]
@@ -84,13 +85,17 @@ impl Plan {
         }
         match &self.config {
             Some(config) => start(config, self, machine, split),
-            None => bail!(Config, "there is no run in {} to go on with; give a configuration", self.out.display()),
+            None => bail!(
+                Config,
+                "there is no run in {0} to go on with; to start one, say which data: `gnp pipeline --dataset NAME --out {0}`",
+                self.out.display()
+            ),
         }
     }
 
     fn go_on(&self, machine: &Machine) -> Result<Run> {
-        let folder = RunFolder::open(&self.out)?;
-        let config = RunConfig::read(&folder.path("config.toml"), &[])?;
+        let run = Run::resume(&self.out, machine)?;
+        let (state, config) = (&run.folder.state, RunConfig::read(&run.folder.path("config.toml"), &[])?);
         if let Some(asked) = &self.config {
             asked.expect_same(&config, &self.out)?;
         }
@@ -101,9 +106,9 @@ impl Plan {
             bail!(Folder, "--dataset {asked} but {} is of {is}; take another --out", self.out.display());
         }
         if let Some(dir) = &self.data
-            && *dir != folder.state.data.dir
+            && *dir != state.data.dir
         {
-            let then = folder.state.data.dir.display();
+            let then = state.data.dir.display();
             bail!(
                 Folder,
                 "{} was made from {then}; resume without --data-dir, or take another --out",
@@ -112,14 +117,13 @@ impl Plan {
         }
         if let Some(from) = &self.from {
             let from = Finished::open(from)?;
-            match &folder.state.origin {
+            match &state.origin {
                 Some(origin) => from.expect(origin, &self.out)?,
                 None => {
                     bail!(Folder, "{} did not start from another run; take another --out", self.out.display())
                 }
             }
         }
-        let run = Run::new(folder, &config, machine);
         run.say_data();
         Ok(run)
     }
@@ -128,7 +132,7 @@ impl Plan {
 /// Ingests into a new run folder, which appears when everything is read.
 fn start(config: &RunConfig, plan: &Plan, machine: &Machine, split: bool) -> Result<Run> {
     needs::check_before(config, machine)?;
-    let draft = Draft::start(&plan.out, "go on with it by --resume, or take another --out")?;
+    let draft = Draft::start(&plan.out, "go on with it by --resume, or take another --out", machine)?;
     let from = plan.from.as_deref().map(Finished::open).transpose()?;
     let origin = from.map(|from| from.copy(config, draft.path())).transpose()?;
     let found = source::find(config, plan.data.as_deref())?;
@@ -138,14 +142,18 @@ fn start(config: &RunConfig, plan: &Plan, machine: &Machine, split: bool) -> Res
     write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
     // Only the split needs all recordings at once.
     let recordings: Option<Vec<Recording>> = if split { Some(report.load(draft.path(), machine)?) } else { None };
+    let mut kept: Vec<String> = report.recordings.iter().map(|recording| recording.file.clone()).collect();
+    kept.extend(origin.iter().flat_map(|_| origin::files()));
     let mut state = RunState { origin, ..RunState::new(config.seed, report.data) };
     if let Some(recordings) = &recordings {
         state.split_hash = modes::split(recordings, config, draft.path(), machine)?;
+        kept.push(modes::SPLIT.to_owned());
     }
     // The folder appears with ingest finished, or not at all.
+    state.record_stage(draft.path(), Stage::Ingest, kept)?;
     state.note(Stage::Ingest, started.elapsed().as_secs_f64());
     write_state(draft.path(), &state)?;
-    let folder = RunFolder::open(&draft.publish()?)?;
+    let folder = RunFolder::open(&draft.publish_run()?)?;
     Ok(Run::new(folder, config, machine).with_recordings(recordings))
 }
 
@@ -163,7 +171,7 @@ impl Run {
     /// # Errors
     /// That of the first stage that fails.
     pub fn complete(&mut self) -> Result<()> {
-        Stage::ALL.into_iter().try_for_each(|stage| self.perform(stage))
+        self.perform_all(&Stage::ALL)
     }
 
     /// Finds the modes and trains what is not trained yet.
@@ -171,29 +179,46 @@ impl Run {
     /// # Errors
     /// That of the first stage that fails.
     pub fn train(&mut self) -> Result<()> {
-        Stage::ALL.into_iter().filter(|stage| *stage < Stage::Evaluate).try_for_each(|stage| self.perform(stage))
+        let trained = Stage::ALL.into_iter().filter(|stage| *stage < Stage::Evaluate);
+        self.perform_all(&trained.collect::<Vec<_>>())
+    }
+
+    /// As the only one that writes into the folder from the first stage to the last, unless there is nothing to do.
+    fn perform_all(&mut self, stages: &[Stage]) -> Result<()> {
+        let perform = |run: &mut Self| stages.iter().try_for_each(|stage| run.perform(*stage));
+        if stages.iter().all(|stage| self.folder.has(*stage)) { perform(self) } else { self.writing(perform) }
     }
 
     /// Forgets a finished stage and all that were made from it, so that they can be done anew.
     ///
     /// # Errors
-    /// When a file cannot be changed.
+    /// When a file cannot be changed, or another process writes into the folder.
     pub fn forget(&mut self, stage: Stage) -> Result<()> {
-        self.folder.forget(stage)
+        self.writing(|run| run.folder.forget(&[stage]))
     }
 
     /// Does a stage unless it is finished.
     ///
     /// # Errors
-    /// When an earlier stage is missing or the stage fails; [`Error::Stopped`].
+    /// When an earlier stage is missing, another process writes into the folder, or the stage fails; [`Error::Stopped`].
     pub fn perform(&mut self, stage: Stage) -> Result<()> {
-        let name = stage.name();
-        if self.folder.has(stage) {
-            if stage != Stage::Ingest {
-                self.note(&format!("{name}: finished before"));
-            }
+        if self.is_finished(stage) { Ok(()) } else { self.writing(|run| run.perform_alone(stage)) }
+    }
+
+    fn is_finished(&self, stage: Stage) -> bool {
+        let finished = self.folder.has(stage);
+        if finished && stage != Stage::Ingest {
+            self.note(&format!("{}: finished before", stage.name()));
+        }
+        finished
+    }
+
+    fn perform_alone(&mut self, stage: Stage) -> Result<()> {
+        // By another process, before this one had the folder for itself.
+        if self.is_finished(stage) {
             return Ok(());
         }
+        let name = stage.name();
         self.folder.require(stage)?;
         needs::check_from(stage, self)?;
         let started = Instant::now();
@@ -202,15 +227,23 @@ impl Run {
             Stage::Ingest => {
                 bail!(Folder, "{} has no recordings; start a new run with `gnp ingest`", root.display())
             }
-            Stage::Modes => modes::find(self),
-            Stage::Goal => training::train(self, Component::Goal),
-            Stage::Attraction => training::train(self, Component::Attraction),
-            Stage::Repulsion => training::train(self, Component::Repulsion),
-            Stage::Evaluate => evaluation::own(self),
+            Stage::Modes => modes::find(self).map(|()| Vec::new()),
+            Stage::Goal => self.trained(Component::Goal),
+            Stage::Attraction => self.trained(Component::Attraction),
+            Stage::Repulsion => self.trained(Component::Repulsion),
+            Stage::Evaluate => rules::keep(self).and_then(|()| evaluation::own(self)),
             Stage::Report => report::write_with_figures(self),
         };
-        done.map_err(|error| if error.is_stopped() { Error::Stopped { kept: Some(root) } } else { error })
+        let more = done
+            .map_err(|error| if error.is_stopped() { Error::Stopped { kept: Some(root) } } else { error })
             .with_context(|| format!("{name} failed"))?;
-        self.folder.finish(stage, started.elapsed().as_secs_f64())
+        self.folder.finish(stage, started.elapsed().as_secs_f64(), more)
+    }
+
+    fn trained(&mut self, part: Component) -> Result<Vec<String>> {
+        if self.config.features.reference == ReferencePath::Platoon {
+            rules::keep(self)?;
+        }
+        training::train(self, part).map(|()| Vec::new())
     }
 }

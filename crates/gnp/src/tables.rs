@@ -75,6 +75,7 @@ pub fn ablate(plan: &Plan, machine: &Machine) -> Result<()> {
         one_seed: &[],
         printed: printed::table2(scored.run.config.dataset),
     };
+    let _alone = place.alone(machine)?;
     write_report(&report, &scored, &place.folder)
 }
 

@@ -261,6 +261,5 @@ fn to_file(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(
     fill(&mut writer)?;
     writer.flush().with_context(what)?;
     drop(writer);
-    file.persist(path).map_err(|error| Error::from(error.error)).with_context(what)?;
-    Ok(())
+    file.persist(path).with_context(what)
 }

@@ -136,7 +136,7 @@ fn what_is_not_there(run: &Run, explained: &Explained) {
 /// The run's own figures have the window in which deleting the leader changes most.
 fn pictures(mut run: Run, place: &TempDir) {
     run.perform(Stage::Evaluate).unwrap();
-    let figures = gnp::draw_figures(&run, None, &place.path().join("figures")).unwrap();
+    let figures = gnp::draw_figures(&mut run, None, &place.path().join("figures")).unwrap();
     let svg = |name: &str| &figures.iter().find(|figure| figure.name == name).unwrap().svg;
     let window = |svg: &str| {
         let (before, rest) = svg.split_once(", vehicle ").unwrap();

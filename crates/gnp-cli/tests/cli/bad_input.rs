@@ -9,7 +9,7 @@ use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use tempfile::TempDir;
 
-use crate::program::{Finished, fixture, names, run};
+use crate::program::{Finished, data, fixture, names, run, smoke};
 
 /// An embedded file, unpacked if it is packed.
 fn text(file: &str) -> String {
@@ -160,4 +160,37 @@ fn a_stage_needs_a_run_folder() {
     let out = TempDir::new().unwrap();
     run(&["goal", "--run", out.path().to_str().unwrap()]).badly(&["not a run folder", "gnp ingest"]);
     assert!(names(Path::new(out.path())).is_empty());
+}
+
+#[test]
+fn what_is_resumed_and_is_not_there_or_no_run_is_said_to_be_that() {
+    run(&["pipeline", "--resume"]).badly(&["which run is to be resumed", "--out DIR"]);
+    let out = TempDir::new().unwrap();
+    let place = out.path().join("run");
+    let place = place.to_str().unwrap();
+    for settings in [&[][..], &["--set", "seed=1"]] {
+        run(&[&["pipeline", "--resume", "--out", place][..], settings].concat()).badly(&[
+            "there is no run in",
+            "to resume",
+            "--dataset NAME",
+        ]);
+    }
+    run(&["goal", "--run", place]).badly(&["is not there"]);
+    fs::write(out.path().join("table.toml"), "").unwrap();
+    let table = out.path().to_str().unwrap();
+    run(&["pipeline", "--resume", "--out", table]).badly(&["not a run folder but that of a table", "gnp compare"]);
+    assert_eq!(names(out.path()), ["table.toml"]);
+}
+
+#[test]
+fn a_run_that_another_process_writes_is_refused_by_its_name() {
+    let (data, out) = (data(&["ngsim/us101-13_1.csv.gz", "ngsim/us101-24_1.csv.gz"]), TempDir::new().unwrap());
+    let place = out.path().join("run");
+    let [config, from, place] = [&smoke(), data.path(), &place].map(|path| path.to_str().unwrap().to_owned());
+    run(&["ingest", "--config", &config, "--data-dir", &from, "--out", &place]).well();
+    let held = gnp::Run::open(Path::new(&place), &gnp::Machine::default()).unwrap().lock().unwrap();
+    let owner = format!("process {} on ", std::process::id());
+    run(&["modes", "--run", &place]).badly(&["is being written by", &owner, "since", "UTC", "wait for its end"]);
+    drop(held);
+    run(&["modes", "--run", &place]).well();
 }

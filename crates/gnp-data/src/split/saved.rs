@@ -1,12 +1,10 @@
-//! A split as a file: windows by name, under a hash.
+//! A split as a file: windows by name, under a hash that names them; all of it under a checksum.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
 
 use super::{Origin, Split, SplitKind, Subset};
 use crate::error::DataError;
@@ -15,7 +13,7 @@ use crate::window::WindowId;
 use crate::window_shape::WindowShape;
 use crate::windows::WindowSet;
 
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// Windows of a part: recording, then vehicles, then last observed frames.
 type Names = BTreeMap<String, Vec<Snippet>>;
@@ -68,11 +66,8 @@ impl Split {
             validation: names(set, self.validation()),
             test: names(set, self.test()),
         };
-        let mut out = std::io::BufWriter::new(gnp_file::beside(path).map_err(io)?);
-        serde_json::to_writer(&mut out, &file).map_err(|e| io(e.into()))?;
-        out.write_all(b"\n").map_err(io)?;
-        out.into_inner().map_err(|e| io(e.into_error()))?.persist(path).map_err(|e| io(e.error))?;
-        Ok(())
+        let text = gnp_file::json_line(&file).map_err(io)?;
+        gnp_file::save(path, text.as_bytes()).map_err(io)
     }
 
     /// Reads a split that [`Split::save`] wrote, for the same recordings, which may stand in another
@@ -91,7 +86,7 @@ impl Split {
 }
 
 fn parse(set: &WindowSet<'_>, bytes: &[u8]) -> Result<Split, String> {
-    let file: SplitFile = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
+    let file: SplitFile = gnp_file::parse_json(bytes).map_err(|problem| format!("it {problem}"))?;
     if file.version != VERSION {
         return Err(format!("the file has format version {}, this program reads {VERSION}", file.version));
     }
@@ -154,23 +149,16 @@ fn names(set: &WindowSet<'_>, ids: &[WindowId]) -> Names {
 /// recording name, vehicle, segment and frame.
 pub(super) fn hash(set: &WindowSet<'_>, parts: &[Vec<WindowId>; 3]) -> String {
     let shape = set.shape();
-    let mut digest = Sha256::new();
-    let mut line = format!("windows {} {} {}\n", shape.t_obs, shape.t_pred, shape.rate_hz);
-    digest.update(&line);
+    let mut text = format!("windows {} {} {}\n", shape.t_obs, shape.t_pred, shape.rate_hz);
     for (part, ids) in Subset::ALL.into_iter().zip(parts) {
         for (recording, snippets) in names(set, ids) {
             for Snippet { vehicle, segment, t0 } in snippets {
                 for frame in t0 {
-                    line.clear();
                     // Writing to a String cannot fail.
-                    let _ = writeln!(line, "{} {recording} {vehicle} {segment} {frame}", part as usize);
-                    digest.update(&line);
+                    let _ = writeln!(text, "{} {recording} {vehicle} {segment} {frame}", part as usize);
                 }
             }
         }
     }
-    digest.finalize().iter().fold(String::with_capacity(64), |mut hex, byte| {
-        let _ = write!(hex, "{byte:02x}");
-        hex
-    })
+    gnp_file::sha256([text.as_bytes()])
 }

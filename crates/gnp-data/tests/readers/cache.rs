@@ -66,3 +66,17 @@ fn a_foreign_truncated_or_changed_file_is_refused() {
     }
     assert!(matches!(Recording::load(&folder.path().join("absent")), Err(DataError::Io { .. })));
 }
+
+#[test]
+fn one_kept_recording_is_told_from_another_by_its_head() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("kept.gnprec");
+    recording().save(&file).unwrap();
+    let seal = Recording::seal(&file).unwrap();
+    let bytes = std::fs::read(&file).unwrap();
+    assert_eq!(seal.bytes, bytes.len() as u64);
+    assert_eq!(seal.sha256, gnp_file::sha256([&bytes[44..]]));
+    std::fs::write(&file, &bytes[..30]).unwrap();
+    assert!(matches!(Recording::seal(&file), Err(DataError::Cache { .. })));
+    assert!(matches!(Recording::seal(&folder.path().join("absent")), Err(DataError::Io { .. })));
+}

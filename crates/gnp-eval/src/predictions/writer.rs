@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gnp_data::{Explanation, Forecast, WindowKey};
-use gnp_file::NamedTempFile;
+use gnp_file::Temporary;
 use gnp_force::TermDescriptor;
 use parquet::basic::Compression;
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, FloatType, Int32Type};
@@ -30,7 +30,7 @@ const GROUP_ROWS: usize = 1 << 16;
 /// forecast.
 pub struct PredictionWriter {
     path: PathBuf,
-    file: NamedTempFile,
+    file: Temporary,
     provenance: Provenance,
     /// Once the columns are settled.
     columns: Option<Columns>,
@@ -149,8 +149,7 @@ impl PredictionWriter {
         self.flush()?;
         let parquet = self.open()?;
         parquet.close().map_err(|error| not_written(&self.path, error))?;
-        self.file.persist(&self.path).map_err(|error| EvalError::Io { path: self.path, source: error.error })?;
-        Ok(())
+        self.file.persist(&self.path).map_err(|source| EvalError::Io { path: self.path, source })
     }
 
     /// Chooses the columns; the rows so far explain nothing.
@@ -169,7 +168,8 @@ impl PredictionWriter {
         if let Some(parquet) = self.parquet.take() {
             return Ok(parquet);
         }
-        let handle = self.file.reopen().map_err(|source| EvalError::Io { path: self.path.clone(), source })?;
+        let file = self.file.as_file_mut().try_clone();
+        let handle = file.map_err(|source| EvalError::Io { path: self.path.clone(), source })?;
         let provenance = self.provenance.clone();
         let columns = self.settle(None);
         let properties = WriterProperties::builder()

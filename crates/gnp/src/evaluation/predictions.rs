@@ -18,7 +18,8 @@ use crate::data::{ingest, source};
 use crate::error::{Context as _, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
-use crate::run::folder::{Draft, Stage};
+use crate::run::draft::Draft;
+use crate::run::folder::Stage;
 
 /// Missing windows, and unknown vehicles, that an error names; the others are counted.
 const NAMED: usize = 5;
@@ -52,7 +53,7 @@ pub fn score_predictions(
     machine: &Machine,
 ) -> Result<Scores> {
     let predictions = read_predictions(file, Detail::Paths)?;
-    let out = out.map(|out| Draft::start(out, "take another --out")).transpose()?;
+    let out = out.map(|out| Draft::start(out, "take another --out", machine)).transpose()?;
     match on {
         PredictionsOn::Run(folder) => {
             let run = Run::open(folder, machine)?;

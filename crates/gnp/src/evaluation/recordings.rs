@@ -13,7 +13,8 @@ use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result};
 use crate::needs;
 use crate::run::Run;
-use crate::run::folder::{DataState, Draft, Stage, write_json};
+use crate::run::draft::Draft;
+use crate::run::folder::{DataState, Stage, write_json};
 
 /// `eval.json`: what was scored on what.
 #[derive(Debug, Serialize)]
@@ -74,7 +75,7 @@ fn beside(set: &WindowSet<'_>, ids: &[WindowId], scored: &WindowSet<'_>) -> Vec<
 /// When the run is not trained, the recordings are not of its kind and rate, or `out` is in use.
 pub fn score_recordings(run: &Run, data: &Path, out: &Path) -> Result<(Scores, PathBuf)> {
     run.folder.require(Stage::Evaluate)?;
-    let draft = Draft::start(out, "take another --out")?;
+    let draft = Draft::start(out, "take another --out", &run.machine)?;
     let found = source::find(&run.config, Some(data))?;
     run.result(&format!("Data: {}", found.data.description));
     let report = ingest::run(found, &run.config, draft.path(), &run.machine)?;

@@ -1,7 +1,6 @@
 //! The predictors without a network, fitted to a run's training windows and kept with the run.
 
 use std::collections::BTreeMap;
-use std::fs;
 
 use gnp_baselines::{Parameters, PlatoonParameters, PlatoonRule, RULES, Rule};
 use gnp_data::Window;
@@ -10,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::systems::System;
 use crate::error::{Context as _, Error, Result};
 use crate::run::Run;
-use crate::run::folder::write_json;
+use crate::run::folder::{Stage, write_json};
 
 /// File of the fitted parameters in a run folder.
 pub(crate) const FILE: &str = "rules.json";
@@ -28,7 +27,23 @@ struct Fitted {
     rules: BTreeMap<String, Parameters>,
 }
 
-/// Every rule as fitted to the run's training windows: now, and from `rules.json` from then on.
+/// Fits the rules to the run's training windows and keeps them in `rules.json`, from which they are taken from then on;
+/// unless they are there.
+///
+/// # Errors
+/// When a rule cannot be fitted or the file cannot be written.
+pub(crate) fn keep(run: &mut Run) -> Result<()> {
+    if kept(run)?.is_some() {
+        return Ok(());
+    }
+    run.writing(|run| {
+        write_json(&run.folder.path(FILE), &fit(run)?)?;
+        run.folder.record(Stage::Ingest, [FILE.to_owned()])?;
+        run.folder.write()
+    })
+}
+
+/// Every rule as fitted to the run's training windows: from `rules.json`, or now where they were not kept.
 ///
 /// # Errors
 /// When a rule cannot be fitted or the file cannot be used.
@@ -69,16 +84,23 @@ fn unusable(run: &Run) -> String {
 }
 
 fn fitted(run: &Run) -> Result<Fitted> {
-    let path = run.folder.path(FILE);
-    if path.exists() {
-        let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        let kept: Fitted =
-            serde_json::from_str(&text).with_context(|| format!("{} is damaged; remove it", path.display()))?;
-        let complete = RULES.iter().all(|rule| kept.rules.contains_key(rule.name()));
-        if complete && kept.split_hash == run.folder.state.split_hash {
-            return Ok(kept);
-        }
+    match kept(run)? {
+        Some(kept) => Ok(kept),
+        None => fit(run),
     }
+}
+
+/// What is in `rules.json`, where it is a file of the run and has every rule of this version.
+fn kept(run: &Run) -> Result<Option<Fitted>> {
+    if !run.folder.state.files.contains_key(FILE) {
+        return Ok(None);
+    }
+    let kept: Fitted = run.folder.read_json(FILE)?;
+    let complete = RULES.iter().all(|rule| kept.rules.contains_key(rule.name()));
+    Ok(Some(kept).filter(|kept| complete && kept.split_hash == run.folder.state.split_hash))
+}
+
+fn fit(run: &Run) -> Result<Fitted> {
     let set = run.windows()?;
     let split = run.split(&set)?;
     let mut by_site: BTreeMap<&str, Vec<Window<'_>>> = BTreeMap::new();
@@ -92,7 +114,5 @@ fn fitted(run: &Run) -> Result<Fitted> {
     for rule in RULES {
         rules.insert(rule.name().to_owned(), rule.fit(&training).with_context(|| rule.name())?);
     }
-    let fitted = Fitted { split_hash: split.hash().to_owned(), rules };
-    write_json(&path, &fitted)?;
-    Ok(fitted)
+    Ok(Fitted { split_hash: split.hash().to_owned(), rules })
 }

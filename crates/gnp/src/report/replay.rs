@@ -67,7 +67,7 @@ pub fn write_replay(run: &Run, path: &Path, vehicle: Option<u32>) -> Result<Repl
     };
     let cannot = || format!("cannot write {}", path.display());
     file.write_all(&gnp_replay::encode(&clip, picked)?).with_context(cannot)?;
-    file.persist(path).map_err(|error| error.error).with_context(cannot)?;
+    file.persist(path).with_context(cannot)?;
     Ok(Replayed {
         heading: clip.heading(),
         vehicles: clip.vehicles.len(),
@@ -77,7 +77,7 @@ pub fn write_replay(run: &Run, path: &Path, vehicle: Option<u32>) -> Result<Repl
 }
 
 /// A temporary file beside the one to be written.
-fn place(path: &Path) -> Result<gnp_file::NamedTempFile> {
+fn place(path: &Path) -> Result<gnp_file::Temporary> {
     if path.is_dir() {
         bail!(Folder, "--rrd {} is a folder; give the name of a file", path.display());
     }

@@ -1,20 +1,25 @@
-//! A run on disk: what is where, what is finished, and how files get there.
+//! A run on disk: what is where, what is finished, and what each file should hold.
 //!
 //! Every file is written under a temporary name and then renamed; a folder is filled beside its
-//! place and then renamed. What has its final name is whole.
+//! place and then renamed. A stage is finished when `run.json` says so, with the size and checksum of every file that it
+//! left; opening a run compares them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::error::{Context as _, Result, bail};
 use gnp_model::Origin;
 use serde::{Deserialize, Serialize};
-use tempfile::TempDir;
+
+use crate::error::{Context as _, Error, Result, bail};
+use crate::inside::inside;
+use crate::run::manifest::{Damage, EVENTS, RunFile};
 
 /// Version of the layout of a run folder.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 const STATE: &str = "run.json";
+/// What to do about a `run.json` that cannot be used.
+const REMEDY: &str = "copy it back, or start a new run";
 
 /// A stage of the pipeline, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -61,6 +66,23 @@ impl Stage {
         match self {
             Self::Ingest | Self::Evaluate | Self::Report => self.name().to_owned(),
             _ => format!("train --stage {}", self.name()),
+        }
+    }
+
+    /// The files that it leaves under names known beforehand, from the run folder.
+    fn files(self) -> Vec<String> {
+        let named = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+        let name = self.name();
+        match self {
+            Self::Ingest => named(&["config.toml", "ingest.json", "ingest.txt"]),
+            Self::Modes => named(&["modes.safetensors"]),
+            Self::Goal | Self::Attraction | Self::Repulsion => {
+                vec![format!("{name}.safetensors"), format!("{name}.last.safetensors"), format!("history-{name}.json")]
+            }
+            Self::Evaluate => {
+                named(&["metrics.json", "metrics.csv", "metrics.md", "differences.json", "predictions.parquet"])
+            }
+            Self::Report => named(&["report.html"]),
         }
     }
 
@@ -113,87 +135,42 @@ pub struct RunState {
     pub origin: Option<Origin>,
     /// Finished stages, with how long each took in seconds.
     pub finished: BTreeMap<Stage, f64>,
+    /// The files of the run by their names from its folder; a file that is not here is not of the run.
+    pub files: BTreeMap<String, RunFile>,
 }
 
 impl RunState {
     /// The state of a new run.
     pub(crate) fn new(seed: u64, data: DataState) -> Self {
         let version = env!("CARGO_PKG_VERSION").to_owned();
-        Self { format: FORMAT, version, seed, data, split_hash: String::new(), origin: None, finished: BTreeMap::new() }
+        let (split_hash, finished, files) = Default::default();
+        Self { format: FORMAT, version, seed, data, split_hash, origin: None, finished, files }
+    }
+
+    /// Notes what files of a stage in the folder `root` hold.
+    ///
+    /// # Errors
+    /// When one cannot be read.
+    pub(crate) fn record(&mut self, root: &Path, stage: Stage, names: impl IntoIterator<Item = String>) -> Result<()> {
+        for name in names {
+            let file = RunFile::of(root, &name, stage)?;
+            self.files.insert(name, file);
+        }
+        Ok(())
+    }
+
+    /// [`RunState::record`] of all files of a finished stage: those that it always leaves, and `more`.
+    ///
+    /// # Errors
+    /// When one cannot be read.
+    pub(crate) fn record_stage(&mut self, root: &Path, stage: Stage, more: Vec<String>) -> Result<()> {
+        self.record(root, stage, stage.files().into_iter().chain(more))
     }
 
     /// Notes that a stage is finished, and how many seconds it took.
     pub(crate) fn note(&mut self, stage: Stage, seconds: f64) {
         self.finished.insert(stage, (seconds * 100.).round() / 100.);
     }
-}
-
-/// A folder being filled beside its place; dropped without [`Draft::publish`] it vanishes.
-#[derive(Debug)]
-pub(crate) struct Draft {
-    folder: TempDir,
-    place: PathBuf,
-}
-
-impl Draft {
-    /// Starts a folder that will stand at `place`.
-    ///
-    /// # Errors
-    /// When `place` exists and is not an empty folder; the message ends with `remedy`.
-    pub(crate) fn start(place: &Path, remedy: &str) -> Result<Self> {
-        if occupied(place)? {
-            bail!(Folder, "{} exists and is not empty; {remedy}", place.display());
-        }
-        let parent = parent_of(place);
-        fs::create_dir_all(parent).with_context(|| format!("cannot make the folder {}", parent.display()))?;
-        let name = place.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let folder = as_open_as_others()
-            .prefix(&format!(".{name}.unfinished-"))
-            .tempdir_in(parent)
-            .with_context(|| format!("cannot make a folder in {}", parent.display()))?;
-        Ok(Self { folder, place: place.to_owned() })
-    }
-
-    /// The folder as it is now.
-    pub(crate) fn path(&self) -> &Path {
-        self.folder.path()
-    }
-
-    /// Moves the folder to its place.
-    ///
-    /// # Errors
-    /// When it cannot be moved there.
-    pub(crate) fn publish(self) -> Result<PathBuf> {
-        let place = self.place;
-        let cannot = || format!("cannot move the finished folder to {}", place.display());
-        if place.is_dir() {
-            fs::remove_dir(&place).with_context(cannot)?; // empty, or this fails
-        }
-        fs::rename(self.folder.path(), &place).with_context(cannot)?;
-        // Nothing is left at the temporary name; forget it instead of cleaning it up.
-        let _ = self.folder.keep();
-        Ok(place)
-    }
-}
-
-/// Makes temporary folders that are not for their owner alone: they become final ones.
-fn as_open_as_others() -> tempfile::Builder<'static, 'static> {
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777)); // less the umask
-    builder
-}
-
-/// Whether something that must not be overwritten is at `place`.
-pub(crate) fn occupied(place: &Path) -> Result<bool> {
-    if !place.exists() {
-        return Ok(false);
-    }
-    if !place.is_dir() {
-        return Ok(true);
-    }
-    let mut entries = fs::read_dir(place).with_context(|| format!("cannot list {}", place.display()))?;
-    Ok(entries.next().is_some())
 }
 
 /// A run folder that exists: ingest is finished.
@@ -205,21 +182,65 @@ pub(crate) struct RunFolder {
 }
 
 impl RunFolder {
-    /// Opens a folder.
+    /// Opens a folder, whatever became of its files.
     ///
     /// # Errors
-    /// When it is not a run folder, or one of another version.
+    /// When it is not a run folder, or one of another version, or its `run.json` is damaged.
     pub(crate) fn open(root: &Path) -> Result<Self> {
-        let path = root.join(STATE);
-        let text = fs::read_to_string(&path).with_context(|| {
-            format!("{} is not a run folder; start one with `gnp ingest --dataset NAME --out {0}`", root.display())
-        })?;
-        let state: RunState = serde_json::from_str(&text)
-            .with_context(|| format!("{} cannot be read; start a new run", path.display()))?;
-        if state.format != FORMAT {
-            bail!(Folder, "{} has layout {}, this program has {FORMAT}; start a new run", path.display(), state.format);
+        #[derive(Deserialize)]
+        struct Layout {
+            format: u32,
         }
+        let path = root.join(STATE);
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Err(Error::Folder(foreign(root))),
+            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
+        };
+        // First, since earlier layouts had no checksum.
+        if let Ok(Layout { format }) = serde_json::from_slice(&bytes)
+            && format != FORMAT
+        {
+            bail!(Folder, "{} has layout {format}, this program has {FORMAT}; start a new run", path.display());
+        }
+        let state: RunState = match gnp_file::parse_json(&bytes) {
+            Ok(state) => state,
+            Err(problem) => bail!(Folder, "{} {problem}; {REMEDY}", path.display()),
+        };
+        // Files by these names are removed, too.
+        state.files.keys().try_for_each(|name| inside(root, name).map(drop))?;
         Ok(Self { root: root.to_owned(), state })
+    }
+
+    /// Opens a folder and looks what is damaged in it.
+    ///
+    /// # Errors
+    /// As [`RunFolder::open`].
+    pub(crate) fn look(root: &Path) -> Result<(Self, Vec<Damage>)> {
+        let mut folder = Self::open(root)?;
+        loop {
+            let damage = folder.damage();
+            let now = if damage.is_empty() { None } else { Some(Self::open(root)?) };
+            match now {
+                // Somebody worked in it meanwhile: what differs may be new.
+                Some(now) if now.state != folder.state => folder = now,
+                _ => return Ok((folder, damage)),
+            }
+        }
+    }
+
+    /// Opens a folder in which every file is as it was written.
+    ///
+    /// # Errors
+    /// As [`RunFolder::open`]; when a file is missing or differs, with how it is made again.
+    pub(crate) fn whole(root: &Path) -> Result<Self> {
+        let (folder, damage) = Self::look(root)?;
+        if damage.is_empty() { Ok(folder) } else { Err(Error::Folder(Damage::refusal(&damage, root))) }
+    }
+
+    /// Files that are not what was written.
+    pub(crate) fn damage(&self) -> Vec<Damage> {
+        self.state.files.iter().filter_map(|(name, file)| file.damage(&self.root, name)).collect()
     }
 
     /// The folder.
@@ -265,40 +286,108 @@ impl RunFolder {
         }
     }
 
-    /// Notes that a stage is finished.
-    ///
-    /// # Errors
-    /// When the state cannot be written.
-    pub(crate) fn finish(&mut self, stage: Stage, seconds: f64) -> Result<()> {
-        self.state.note(stage, seconds);
-        write_state(&self.root, &self.state)
+    /// As [`RunState::record`].
+    pub(crate) fn record(&mut self, stage: Stage, names: impl IntoIterator<Item = String>) -> Result<()> {
+        self.state.record(&self.root, stage, names)
     }
 
-    /// Forgets a stage, and all that were made from it; their trainings start anew.
+    /// Notes that a stage is finished, with the files that it left: those of known names, and `more`.
     ///
     /// # Errors
-    /// When the state cannot be written or a checkpoint not be removed.
-    pub(crate) fn forget(&mut self, stage: Stage) -> Result<()> {
-        let mut gone = vec![stage];
+    /// When a file cannot be read or the state not be written.
+    pub(crate) fn finish(&mut self, stage: Stage, seconds: f64, mut more: Vec<String>) -> Result<()> {
+        self.state.files.retain(|_, file| file.stage != stage || stage == Stage::Ingest);
+        more.extend(self.events()?);
+        self.state.record_stage(&self.root, stage, more)?;
+        self.state.note(stage, seconds);
+        self.write()
+    }
+
+    /// Curves for TensorBoard that no finished stage left.
+    fn events(&self) -> Result<Vec<String>> {
+        let folder = self.path(EVENTS);
+        if !folder.exists() {
+            return Ok(Vec::new());
+        }
+        let cannot = || format!("cannot list {}", folder.display());
+        let mut names = Vec::new();
+        for entry in fs::read_dir(&folder).with_context(cannot)? {
+            let name = format!("{EVENTS}/{}", entry.with_context(cannot)?.file_name().to_string_lossy());
+            if name.contains(".tfevents.") && !self.state.files.contains_key(&name) {
+                names.push(name);
+            }
+        }
+        Ok(names)
+    }
+
+    /// Forgets stages, and all that were made from them, with their files, so that they are done anew.
+    ///
+    /// # Errors
+    /// When the state cannot be written or a file not be removed.
+    pub(crate) fn forget(&mut self, stages: &[Stage]) -> Result<()> {
+        let mut gone = stages.to_vec();
         for later in Stage::ALL {
             if later.needs().iter().any(|needed| gone.contains(needed)) {
                 gone.push(later);
             }
         }
-        for stage in &gone {
-            let path = self.path(format!("{}.last.safetensors", stage.name()));
-            if path.exists() {
-                fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+        self.state.finished.retain(|stage, _| !gone.contains(stage));
+        let (stay, go) =
+            std::mem::take(&mut self.state.files).into_iter().partition(|(_, it)| !gone.contains(&it.stage));
+        self.state.files = stay;
+        self.write()?;
+        // Curves stay for comparison; what was last begun starts anew.
+        let go: BTreeMap<String, RunFile> = go;
+        let mut names: BTreeSet<String> = go.into_keys().filter(|name| !name.starts_with(EVENTS)).collect();
+        names.extend(gone.iter().map(|stage| format!("{}.last.safetensors", stage.name())));
+        for name in names {
+            let path = self.path(name);
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(error).with_context(|| format!("cannot remove {}", path.display()));
+                }
+                _ => {}
             }
         }
-        self.state.finished.retain(|stage, _| !gone.contains(stage));
+        Ok(())
+    }
+
+    /// Writes what is finished.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub(crate) fn write(&self) -> Result<()> {
         write_state(&self.root, &self.state)
+    }
+}
+
+/// What a folder is that is no run, and what to do.
+fn foreign(root: &Path) -> String {
+    let dir = root.display();
+    if !root.is_dir() {
+        let is = if root.exists() { "is no folder" } else { "is not there" };
+        return format!(
+            "{dir} {is}: there is no run to go on with; start one with `gnp pipeline --dataset NAME --out {dir}`"
+        );
+    }
+    let has = |name: &str| root.join(name).exists();
+    let start = "start one with `gnp ingest --dataset NAME --out DIR`, a new folder";
+    if has("table.toml") {
+        format!("{dir} is not a run folder but that of a table; go on with it by `gnp compare --resume --out {dir}`")
+    } else if has("variants") || has("gnp") {
+        format!("{dir} is not a run folder but that of a table; its runs are below it, such as {dir}/gnp")
+    } else if has("eval.json") {
+        format!("{dir} is not a run folder: it has the scores of one on other recordings; {start}")
+    } else if has("scene.toml") || has("tracks.parquet") {
+        format!("{dir} is not a run folder: it has simulated traffic; {start}")
+    } else {
+        format!("{dir} is not a run folder, it has no {STATE}; {start}")
     }
 }
 
 /// Writes `run.json`.
 pub(crate) fn write_state(root: &Path, state: &RunState) -> Result<()> {
-    write_json(&root.join(STATE), state)
+    Ok(gnp_file::save_json(&root.join(STATE), state)?)
 }
 
 /// Writes a whole file: temporary name, then rename.
@@ -319,12 +408,10 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     write(path, text.as_bytes())
 }
 
-fn parent_of(path: &Path) -> &Path {
-    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
 #[cfg(test)]
 mod tests {
+    use tempfile::TempDir;
+
     use super::*;
 
     fn state() -> RunState {
@@ -332,55 +419,87 @@ mod tests {
         RunState::new(3, data)
     }
 
-    fn folder(parent: &TempDir) -> RunFolder {
-        let place = parent.path().join("run");
-        let draft = Draft::start(&place, "take another name").unwrap();
-        write_state(draft.path(), &state()).unwrap();
-        draft.publish().unwrap();
-        RunFolder::open(&place).unwrap()
+    /// A run folder with what a stage leaves as text.
+    fn folder(root: &Path) -> RunFolder {
+        write_state(root, &state()).unwrap();
+        RunFolder::open(root).unwrap()
     }
 
-    #[test]
-    fn an_abandoned_draft_leaves_nothing() {
-        let parent = TempDir::new().unwrap();
-        let draft = Draft::start(&parent.path().join("run"), "").unwrap();
-        fs::write(draft.path().join("half"), "x").unwrap();
-        drop(draft);
-        assert!(!occupied(parent.path()).unwrap());
-    }
-
-    #[test]
-    fn a_folder_in_use_is_refused_and_an_empty_one_is_taken() {
-        let parent = TempDir::new().unwrap();
-        fs::create_dir(parent.path().join("run")).unwrap();
-        let run = folder(&parent);
-        assert_eq!(run.state, state());
-        let message = Draft::start(run.root(), "give --resume").unwrap_err().to_string();
-        assert!(message.contains("not empty; give --resume"), "{message}");
+    fn finish(run: &mut RunFolder, stage: Stage) {
+        stage.files().iter().for_each(|name| fs::write(run.path(name), name).unwrap());
+        run.finish(stage, 1., Vec::new()).unwrap();
     }
 
     #[test]
     fn stages_are_required_finished_and_forgotten() {
         let parent = TempDir::new().unwrap();
-        let mut run = folder(&parent);
+        let mut run = folder(parent.path());
         assert!(run.require(Stage::Modes).unwrap_err().to_string().contains("gnp ingest"));
         for stage in Stage::ALL {
             run.require(stage).unwrap();
-            run.finish(stage, 1.).unwrap();
+            finish(&mut run, stage);
         }
-        run.forget(Stage::Attraction).unwrap();
-        let run = RunFolder::open(run.root()).unwrap();
+        fs::write(run.path("mine.txt"), "mine").unwrap();
+        run.forget(&[Stage::Attraction]).unwrap();
+        let run = RunFolder::whole(run.root()).unwrap();
         let left: Vec<Stage> = run.state.finished.keys().copied().collect();
         assert_eq!(left, [Stage::Ingest, Stage::Modes, Stage::Goal]);
+        let there = ["mine.txt", "goal.safetensors"].map(|name| run.path(name).exists());
+        let gone =
+            ["attraction.safetensors", "repulsion.last.safetensors", "report.html"].map(|name| run.path(name).exists());
+        assert_eq!((there, gone), ([true; 2], [false; 3]));
     }
 
     #[test]
-    fn a_foreign_folder_is_refused() {
+    fn what_is_missing_or_differs_is_found_by_name() {
         let parent = TempDir::new().unwrap();
-        let message = RunFolder::open(parent.path()).unwrap_err().to_string();
-        assert!(message.contains("is not a run folder"), "{message}");
-        fs::write(parent.path().join(STATE), serde_json::to_string(&RunState { format: 99, ..state() }).unwrap())
-            .unwrap();
-        assert!(RunFolder::open(parent.path()).unwrap_err().to_string().contains("layout 99"));
+        let mut run = folder(parent.path());
+        fs::create_dir(run.path(EVENTS)).unwrap();
+        for name in ["events.out.tfevents.1.gnp.0", "notes"] {
+            fs::write(run.path(EVENTS).join(name), name).unwrap();
+        }
+        finish(&mut run, Stage::Ingest);
+        finish(&mut run, Stage::Goal);
+        let names: Vec<&str> = run.state.files.keys().map(String::as_str).collect();
+        assert!(names.contains(&"events/events.out.tfevents.1.gnp.0") && !names.contains(&"events/notes"), "{names:?}");
+        RunFolder::whole(run.root()).unwrap();
+        for (name, text) in [("goal.safetensors", Some("goal.safetensorz")), ("history-goal.json", None)] {
+            let path = run.path(name);
+            match text {
+                Some(text) => fs::write(&path, text).unwrap(),
+                None => fs::remove_file(&path).unwrap(),
+            }
+            let message = RunFolder::whole(run.root()).unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains("--resume"), "{message}");
+            fs::write(&path, name).unwrap();
+        }
+        // Whoever made the folder names nothing outside of it.
+        let mut elsewhere = run.state.clone();
+        elsewhere.files.insert("../mine.txt".to_owned(), run.state.files["goal.safetensors"].clone());
+        write_state(run.root(), &elsewhere).unwrap();
+        let message = RunFolder::open(run.root()).unwrap_err().to_string();
+        assert!(message.contains("../mine.txt"), "{message}");
+        run.write().unwrap();
+        // Under its checksum stands all the rest.
+        let path = run.path(STATE);
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, text.replace("\"seed\": 3", "\"seed\": 4")).unwrap();
+        let message = RunFolder::open(run.root()).unwrap_err().to_string();
+        assert!(message.contains("run.json differs from what was written; copy it back"), "{message}");
+    }
+
+    #[test]
+    fn a_foreign_folder_is_refused_as_what_it_is() {
+        let parent = TempDir::new().unwrap();
+        let message = || RunFolder::open(parent.path()).unwrap_err().to_string();
+        assert!(message().contains("is not a run folder"), "{}", message());
+        for (file, says) in [("eval.json", "scores"), ("table.toml", "gnp compare --resume")] {
+            fs::write(parent.path().join(file), "").unwrap();
+            assert!(message().contains(says), "{}", message());
+        }
+        let gone = RunFolder::open(&parent.path().join("gone")).unwrap_err().to_string();
+        assert!(gone.contains("is not there: there is no run"), "{gone}");
+        fs::write(parent.path().join(STATE), "{\"format\": 1, \"version\": \"0.1.0\"}").unwrap();
+        assert!(message().contains("has layout 1, this program has 2; start a new run"), "{}", message());
     }
 }

@@ -14,10 +14,15 @@ use crate::error::{Context as _, Result, bail};
 use crate::run::folder::{RunFolder, Stage};
 
 /// Folder of the copied files in a run that starts from another one.
-const FOLDER: &str = "origin";
+pub(super) const FOLDER: &str = "origin";
 
 /// Stages whose files are copied.
 const COPIED: [Stage; 4] = [Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
+
+/// Names of the copied files, from the run folder.
+pub(crate) fn files() -> Vec<String> {
+    COPIED.iter().map(|stage| format!("{FOLDER}/{}.safetensors", stage.name())).collect()
+}
 
 /// A file that was copied from the run that the one in `folder` starts from; `None` where it starts from none.
 pub(crate) fn file(folder: &RunFolder, stage: Stage) -> Option<PathBuf> {
@@ -83,7 +88,7 @@ impl Finished {
     /// When it is none, or one whose trainings are not all finished.
     pub(crate) fn open(root: &Path) -> Result<Self> {
         let cannot = || format!("cannot start from {}", root.display());
-        let folder = RunFolder::open(root).with_context(cannot)?;
+        let folder = RunFolder::whole(root).with_context(cannot)?;
         if let Some(stage) = COPIED.into_iter().find(|stage| !folder.has(*stage)) {
             bail!(
                 Folder,
@@ -115,7 +120,7 @@ impl Finished {
         for stage in COPIED {
             let name = format!("{}.safetensors", stage.name());
             let from = self.folder.path(&name);
-            fs::copy(&from, place.join(&name)).with_context(|| format!("cannot copy {}", from.display()))?;
+            gnp_file::copy(&from, &place.join(&name)).with_context(|| format!("cannot copy {}", from.display()))?;
         }
         Ok(Origin { folder: self.place.clone(), split_hash: self.folder.state.split_hash.clone() })
     }

@@ -5,13 +5,17 @@ use std::path::Path;
 
 use crate::error::Result;
 use gnp_data::{Recording, Split, SplitKind, Subset, WindowSet, overlaps};
-use gnp_model::AugmentedView;
+use gnp_model::{AugmentedView, ReferencePath};
 use gnp_modes::{Modes, fit};
 
 use crate::config::RunConfig;
+use crate::evaluation::rules;
 use crate::machine::Machine;
 use crate::run::folder::Stage;
 use crate::run::{Run, origin};
+
+/// File of the split in a run folder.
+pub(super) const SPLIT: &str = "split.json";
 
 /// Parts the windows of all recordings, writes `split.json` to `folder`; returns the split's hash.
 ///
@@ -21,7 +25,7 @@ pub(super) fn split(recordings: &[Recording], config: &RunConfig, folder: &Path,
     let (set, _) = WindowSet::cut(recordings, &config.windows)?;
     let overlaps = overlaps(recordings);
     let split = Split::new(&set, &config.split, &overlaps)?;
-    split.save(&set, &folder.join("split.json"))?;
+    split.save(&set, &folder.join(SPLIT))?;
     machine.progress.note(&summary(&set, &split));
     for overlap in &overlaps {
         machine.progress.note(&format!("split: {overlap}"));
@@ -41,6 +45,11 @@ pub(super) fn find(run: &mut Run) -> Result<()> {
     if run.folder.state.split_hash.is_empty() {
         let hash = split(run.recordings()?, &run.config, run.folder.root(), &run.machine)?;
         run.folder.state.split_hash = hash;
+        run.folder.record(Stage::Ingest, [SPLIT.to_owned()])?;
+        run.folder.write()?;
+    }
+    if run.config.features.reference == ReferencePath::Platoon {
+        rules::keep(run)?;
     }
     run.machine.stop.check()?;
     let place = run.folder.path("modes.safetensors");

@@ -74,7 +74,10 @@ impl CompareRequest {
                 "{path} is damaged or of another version; remove it, and prepare again with the options it was made with"
             )
         };
-        let parsed = toml::from_str(&text).map_err(|error| Error::Config(error.to_string().trim_end().to_owned()));
+        let Some(written) = text.split_once('\n').filter(|(head, rest)| *head == heading(rest)) else {
+            bail!(Folder, "{}", damaged());
+        };
+        let parsed = toml::from_str(written.1).map_err(|error| Error::Config(error.to_string().trim_end().to_owned()));
         let written: Written = parsed.with_context(damaged)?;
         if written.format != FORMAT {
             bail!(Folder, "{} has format {}, this program has {FORMAT}", path.display(), written.format);
@@ -109,7 +112,13 @@ impl CompareRequest {
         }
         let folder = &self.plan.out;
         fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        let text = format!("# What this table was asked for; its jobs read nothing else.\n{table}");
-        write(&folder.join(ASKED), text.as_bytes())
+        let text = table.to_string();
+        write(&folder.join(ASKED), format!("{}\n{text}", heading(&text)).as_bytes())
     }
+}
+
+/// The first line of the file, with the checksum of the others.
+fn heading(text: &str) -> String {
+    let sum = gnp_file::sha256([text.as_bytes()]);
+    format!("# What this table was asked for; its jobs read nothing else. SHA-256 of what follows: {sum}")
 }

@@ -4,6 +4,7 @@
 //! other job writes to under the same names, so jobs may run anywhere, in any order and at the same time. Only gathering
 //! writes the table.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -12,7 +13,7 @@ use gnp_neural_baselines::{ColumnNetwork, ColumnRecipe};
 use super::asked::CompareRequest;
 use super::derived::{TRAINED, beside};
 use super::files::{Report, Scored, write_report};
-use super::jobs::{self, Job, JobReport, JobState};
+use super::jobs::{self, Job, JobReport, JobState, Standing};
 use super::place::{COMPARISON, Place};
 use super::recipes::{self, Row};
 use super::variants::FULL;
@@ -23,7 +24,8 @@ use crate::evaluation::rules;
 use crate::evaluation::systems::System;
 use crate::machine::Machine;
 use crate::run::Run;
-use crate::run::folder::Stage;
+use crate::run::draft::sweep;
+use crate::run::folder::RunFolder;
 
 /// Row and job of the goal network alone; it has no training of its own.
 const GOAL_HEAD: &str = "goal head";
@@ -77,13 +79,14 @@ impl Learner {
         if first { stem.into() } else { format!("{stem}-seed-{seed}").into() }
     }
 
-    /// The file that is there when it is trained, in the folder of its files.
-    fn weights(&self, folder: &Path) -> PathBuf {
-        let stem = match self {
-            Self::Gnp | Self::Published(_) => Stage::Repulsion.name(),
-            Self::Column(_) | Self::Network(_) => self.stem(),
-        };
-        folder.join(format!("{stem}.safetensors"))
+    /// Names of the files that it leaves in its folder; none where that is a run, which says it itself.
+    fn files(&self) -> Vec<String> {
+        let stem = self.stem();
+        match self {
+            Self::Gnp | Self::Published(_) => Vec::new(),
+            Self::Column(_) => vec![format!("{stem}.safetensors")],
+            Self::Network(_) => vec![format!("{stem}.safetensors"), format!("{stem}.last.safetensors")],
+        }
     }
 
     /// Trains it unless it was before; its rows.
@@ -109,7 +112,7 @@ impl Learner {
 /// The run of GNP with a seed, trained in `folder` unless it was before.
 fn trained_gnp(full: &Run, seed: u64, folder: &Path) -> Result<Run> {
     let mut run = if folder == full.path() {
-        Run::open(folder, &full.machine)?
+        Run::resume(folder, &full.machine)?
     } else {
         let setting = Setting { key: "seed".to_owned(), text: seed.to_string() };
         let config = RunConfig::read(&full.folder.path("config.toml"), &[setting])?;
@@ -142,7 +145,7 @@ impl PreparedTable {
         for fold in 1..=table.place.folds() {
             let prepare = || -> Result<()> {
                 machine.stop.check()?;
-                rules::systems(&table.place.begin(&asked.plan, fold, machine)?).map(|_| ())
+                rules::keep(&mut table.place.begin(&asked.plan, fold, machine)?)
             };
             prepare().map_err(|error| table.place.error(error))?;
         }
@@ -168,7 +171,7 @@ impl PreparedTable {
             changed.push(PUBLISHED);
         }
         for job in self.list().iter().filter(|job| changed.contains(&job.stem)) {
-            if job.state(&self.place.of_fold(job.fold))? != JobState::ToDo {
+            if job.standing(&self.place.of_fold(job.fold)).state != JobState::ToDo {
                 let stem = job.stem;
                 bail!(
                     Folder,
@@ -212,7 +215,7 @@ impl PreparedTable {
     /// Every job, and how far it is: by fold, system and seed.
     ///
     /// # Errors
-    /// When a note of a job is damaged.
+    /// When what a job left cannot be looked at.
     pub fn jobs(&self) -> Result<Vec<JobReport>> {
         let report = |job: &Job| -> Result<JobReport> {
             let fold = self.place.of_fold(job.fold);
@@ -220,7 +223,7 @@ impl PreparedTable {
             let writes = self.learner(job)?.folder(job.seed, job.seed == self.first());
             Ok(JobReport {
                 id: job.to_string(),
-                state: self.state(job)?,
+                state: self.standing(job)?.state,
                 needs: below(&fold.join("gnp")),
                 writes: below(&fold.join(writes)),
             })
@@ -259,7 +262,7 @@ impl PreparedTable {
         let all = self.list();
         let mut left = Vec::new();
         for job in &all {
-            if self.state(job)? != JobState::Done {
+            if self.standing(job)?.state != JobState::Done {
                 left.push(job.clone());
             }
         }
@@ -279,19 +282,30 @@ impl PreparedTable {
     /// When jobs are not done, which are named; with `allow_missing` only those of GNP must be, and rows without all of
     /// their jobs are left out and said to be. When an evaluation fails; [`Error::Stopped`](crate::Error).
     pub fn gather(&self, allow_missing: bool, machine: &Machine) -> Result<()> {
-        self.gathered(allow_missing, machine).map_err(|error| self.place.error(error))
+        let gather = || {
+            let _alone = self.place.alone(machine)?;
+            self.gathered(allow_missing, machine)
+        };
+        gather().map_err(|error| self.place.error(error))
     }
 
     fn gathered(&self, allow_missing: bool, machine: &Machine) -> Result<()> {
         let mut missing: Vec<Job> = Vec::new();
+        let mut damage = BTreeMap::new();
         for job in self.list() {
-            if self.state(&job)? != JobState::Done {
+            let standing = self.standing(&job)?;
+            if standing.state != JobState::Done {
+                damage.extend(standing.damage.first().map(|what| (job.to_string(), what.clone())));
                 missing.push(job);
             }
         }
         let needed: Vec<&Job> = missing.iter().filter(|job| job.stem == FULL || !allow_missing).collect();
         if !needed.is_empty() {
-            let names: Vec<String> = needed.iter().map(ToString::to_string).collect();
+            let named = |job: &&Job| match damage.get(&job.to_string()) {
+                Some(what) => format!("{job} ({what})"),
+                None => job.to_string(),
+            };
+            let names: Vec<String> = needed.iter().map(named).collect();
             let dir = self.place.folder.display();
             bail!(
                 Folder,
@@ -381,30 +395,48 @@ impl PreparedTable {
         }
     }
 
-    /// How far a job is: what is done has its weights.
-    fn state(&self, job: &Job) -> Result<JobState> {
+    /// How far a job is: of what is done every file is as it was written.
+    fn standing(&self, job: &Job) -> Result<Standing> {
         let folder = self.place.of_fold(job.fold);
         let learner = self.learner(job)?;
-        let state = job.state(&folder)?;
-        let weights = learner.weights(&folder.join(learner.folder(job.seed, job.seed == self.first())));
-        Ok(if state == JobState::Done && !weights.exists() { JobState::Begun } else { state })
+        let standing = job.standing(&folder);
+        if standing.state != JobState::Done || !learner.files().is_empty() {
+            return Ok(standing);
+        }
+        let place = folder.join(learner.folder(job.seed, job.seed == self.first()));
+        if !place.exists() {
+            return Ok(Standing { state: JobState::Begun, damage: vec![format!("{} is missing", place.display())] });
+        }
+        let (run, damage) = RunFolder::look(&place)?;
+        let whole = damage.is_empty() && TRAINED.into_iter().all(|stage| run.has(stage));
+        let state = if whole { JobState::Done } else { JobState::Begun };
+        let damage = damage.iter().map(|one| format!("{}: {}", place.display(), one.words())).collect();
+        Ok(Standing { state, damage })
     }
 
     fn train(&self, job: &Job, machine: &Machine) -> Result<()> {
         let folder = self.place.of_fold(job.fold);
         let _alone = job.lock(&folder, machine)?;
-        if self.state(job)? == JobState::Done {
+        let standing = self.standing(job)?;
+        if standing.state == JobState::Done {
             machine.progress.note(&format!("{job}: done before"));
             return Ok(());
         }
+        for what in &standing.damage {
+            machine.progress.note(&format!("{job}: {what}: it is done again"));
+        }
+        job.discard(&folder)?;
         let started = Instant::now();
-        let run = Run::open(&folder.join("gnp"), machine)?;
+        let run = Run::resume(&folder.join("gnp"), machine)?;
         let learner = self.learner(job)?;
         let place = folder.join(learner.folder(job.seed, job.seed == self.first()));
-        job.set(&folder, JobState::Begun, 0.)?;
+        sweep(&[folder.join(jobs::FOLDER), place.clone()], machine);
+        job.set(&folder, JobState::Begun, 0., Vec::new())?;
         let set = run.windows()?;
         let split = run.split(&set)?;
         learner.systems(&Fold { run: &run, set: &set, split: &split }, job.seed, &place)?;
-        job.set(&folder, JobState::Done, started.elapsed().as_secs_f64())
+        let below = learner.folder(job.seed, job.seed == self.first());
+        let names = learner.files().iter().map(|name| format!("{}/{name}", below.display())).collect();
+        job.set(&folder, JobState::Done, started.elapsed().as_secs_f64(), names)
     }
 }

@@ -4,15 +4,15 @@
 //! to do that the change reaches: recordings and split, and with them the windows, stay the same.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::config::RunConfig;
-use crate::data::ingest::RECORDINGS;
 use crate::error::{Context as _, Result};
-use crate::evaluation::rules;
 use crate::machine::Machine;
 use crate::run::Run;
-use crate::run::folder::{Draft, RunFolder, RunState, Stage, occupied, write, write_state};
+use crate::run::draft::{Draft, occupied};
+use crate::run::folder::{RunFolder, RunState, Stage, write, write_state};
+use crate::run::manifest::RunFile;
 
 /// The stages that learn.
 pub(super) const TRAINED: [Stage; 4] = [Stage::Modes, Stage::Goal, Stage::Attraction, Stage::Repulsion];
@@ -31,40 +31,44 @@ pub(super) fn beside(
     machine: &Machine,
 ) -> Result<Run> {
     if !occupied(place)? {
-        let draft = Draft::start(place, "remove it")?;
-        copy(full, redo, draft.path())?;
-        write(&draft.path().join("config.toml"), config.to_toml()?.as_bytes())?;
+        let draft = Draft::start(place, "remove it", machine)?;
+        let mut files = full.state.files.clone();
+        let copied = copy(full, redo, draft.path())?;
+        files.retain(|name, _| copied.contains(name));
+        let own = "config.toml";
+        write(&draft.path().join(own), config.to_toml()?.as_bytes())?;
         let kept = |stage: &Stage| !redo.contains(stage) && *stage < Stage::Evaluate;
         let finished = full.state.finished.clone().into_iter().filter(|(stage, _)| kept(stage)).collect();
-        write_state(draft.path(), &RunState { finished, seed: config.seed, ..full.state.clone() })?;
-        draft.publish()?;
+        let mut state = RunState { finished, files, seed: config.seed, ..full.state.clone() };
+        state.record(draft.path(), Stage::Ingest, [own.to_owned()])?;
+        write_state(draft.path(), &state)?;
+        draft.publish_run()?;
     }
-    let folder = RunFolder::open(place)?;
-    let earlier = RunConfig::read(&folder.path("config.toml"), &[])?;
+    let run = Run::resume(place, machine)?;
+    let earlier = RunConfig::read(&run.folder.path("config.toml"), &[])?;
     config.expect_same(&earlier, place)?;
-    Ok(Run::new(folder, config, machine))
+    Ok(run)
 }
 
-/// What a new run takes over: recordings, split, fitted rules, and the files of stages that are not done anew.
-fn copy(full: &RunFolder, redo: &[Stage], to: &Path) -> Result<()> {
-    let mut files: Vec<PathBuf> = ["ingest.json", "ingest.txt", "split.json"].map(PathBuf::from).into();
-    // The rules are fitted to the training windows, which are the same; without the file they are fitted again.
-    files.extend(Some(PathBuf::from(rules::FILE)).filter(|file| full.path(file).exists()));
-    let kept = TRAINED.into_iter().filter(|stage| !redo.contains(stage));
-    files.extend(kept.map(|stage| PathBuf::from(format!("{}.safetensors", stage.name()))));
-    let recordings = Path::new(RECORDINGS);
-    let from = full.path(recordings);
-    let cannot = |path: &Path| format!("cannot copy {}", path.display());
-    fs::create_dir(to.join(recordings)).with_context(|| cannot(&from))?;
-    for entry in fs::read_dir(&from).with_context(|| cannot(&from))? {
-        files.push(recordings.join(entry.with_context(|| cannot(&from))?.file_name()));
-    }
-    for file in files {
-        let (from, to) = (full.path(&file), to.join(&file));
+/// Copies what a new run takes over, and returns its names: recordings, split, fitted rules, and the weights of stages
+/// that are not done anew.
+fn copy(full: &RunFolder, redo: &[Stage], to: &Path) -> Result<Vec<String>> {
+    let weights: Vec<String> = TRAINED
+        .into_iter()
+        .filter(|stage| !redo.contains(stage))
+        .map(|stage| format!("{}.safetensors", stage.name()))
+        .collect();
+    let of_ingest = |(name, file): (&String, &RunFile)| file.stage == Stage::Ingest && name != "config.toml";
+    let files = full.state.files.iter().filter(|it| of_ingest(*it) || weights.contains(it.0));
+    let names: Vec<String> = files.map(|(name, _)| name.clone()).collect();
+    for name in &names {
+        let (from, to) = (full.path(name), to.join(name));
+        let cannot = || format!("cannot copy {}", from.display());
+        fs::create_dir_all(to.parent().unwrap_or(&to)).with_context(cannot)?;
         // Nobody writes into a finished file, so one on the disk is enough where links are possible.
         if fs::hard_link(&from, &to).is_err() {
-            fs::copy(&from, &to).with_context(|| cannot(&from))?;
+            gnp_file::copy(&from, &to).with_context(cannot)?;
         }
     }
-    Ok(())
+    Ok(names)
 }

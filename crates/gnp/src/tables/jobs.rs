@@ -1,15 +1,16 @@
 //! The jobs of a comparison: one training each, of one system on one fold with one seed.
 
-use std::fmt;
-use std::fs::{self, File, TryLockError};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use std::{fmt, fs};
 
+use gnp_file::{Lock, LockError, Seal};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context as _, Result, bail};
+use crate::inside::inside;
 use crate::machine::Machine;
-use crate::run::folder::write_json;
 
 /// How far a job is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,7 +61,10 @@ pub(super) struct Job {
     pub(super) seed: u64,
 }
 
-/// How often a job that another process does is asked after.
+/// Folder of what is noted of jobs, below that of their fold.
+pub(super) const FOLDER: &str = "jobs";
+
+/// How often a lock that another process holds is asked after.
 const PERIOD: Duration = Duration::from_millis(200);
 
 /// What a job leaves beside its models.
@@ -69,6 +73,16 @@ struct Note {
     state: JobState,
     /// Of the last attempt.
     seconds: f64,
+    /// What a job that is done left, by names below the folder of its fold; of one that trains a run, the run says it.
+    files: BTreeMap<String, Seal>,
+}
+
+/// How far a job is, and what is wrong with what it left.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Standing {
+    pub(super) state: JobState,
+    /// In words; a job that was done and of which a file is missing or differs is to be done again.
+    pub(super) damage: Vec<String>,
 }
 
 impl fmt::Display for Job {
@@ -79,52 +93,91 @@ impl fmt::Display for Job {
 
 impl Job {
     fn note(&self, fold: &Path) -> PathBuf {
-        fold.join("jobs").join(format!("{}-seed-{}.json", self.stem, self.seed))
+        fold.join(FOLDER).join(format!("{}-seed-{}.json", self.stem, self.seed))
     }
 
-    /// How far it is, in the folder of its fold.
-    ///
-    /// # Errors
-    /// When its note is damaged.
-    pub(super) fn state(&self, fold: &Path) -> Result<JobState> {
+    /// How far it is, in the folder of its fold. One whose note is damaged was begun: it finds what it left.
+    pub(super) fn standing(&self, fold: &Path) -> Standing {
         let path = self.note(fold);
         if !path.exists() {
-            return Ok(JobState::ToDo);
+            return Standing { state: JobState::ToDo, damage: Vec::new() };
         }
-        let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        let note: Note =
-            serde_json::from_str(&text).with_context(|| format!("{} is damaged; remove it", path.display()))?;
-        Ok(note.state)
+        let note: Note = match gnp_file::load_json(&path, "the job is looked after again") {
+            Ok(note) => note,
+            Err(error) => return Standing { state: JobState::Begun, damage: vec![error.to_string()] },
+        };
+        let mut damage = Vec::new();
+        for (name, seal) in &note.files {
+            match inside(fold, name).map_err(std::io::Error::other).and_then(|path| seal.fits(&path)) {
+                Ok(true) => {}
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => damage.push(format!("{name} is missing")),
+                _ => damage.push(format!("{name} differs from what was written")),
+            }
+        }
+        let state = if damage.is_empty() { note.state } else { JobState::Begun };
+        Standing { state, damage }
     }
 
-    /// Waits until no other process does it, and keeps others out until the file is dropped or the process ends: the
+    /// Removes files that differ from what the job left, so that they are made anew.
+    ///
+    /// # Errors
+    /// When one cannot be removed.
+    pub(super) fn discard(&self, fold: &Path) -> Result<()> {
+        let Ok(note) = gnp_file::load_json::<Note>(&self.note(fold), "") else { return Ok(()) };
+        for (name, seal) in &note.files {
+            let path = inside(fold, name)?;
+            if path.exists() && !seal.fits(&path).unwrap_or(false) {
+                fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until no other process does it, and keeps others out until the lock is dropped or the process ends: the
     /// training of a worker that is given up may go on for a while. Where files cannot be locked nobody is kept out.
     ///
     /// # Errors
-    /// When the file cannot be made; [`Error::Stopped`](crate::Error) while it waits.
-    pub(super) fn lock(&self, fold: &Path, machine: &Machine) -> Result<File> {
-        let path = self.note(fold).with_extension("lock");
-        let cannot = || format!("cannot make {}", path.display());
-        fs::create_dir_all(fold.join("jobs")).with_context(cannot)?;
-        let file = File::create(&path).with_context(cannot)?;
-        let mut told = false;
-        while matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
-            if !told {
-                machine.progress.note(&format!("{self}: another process does it; waiting for its end"));
-                told = true;
-            }
-            machine.stop.check()?;
-            std::thread::sleep(PERIOD);
-        }
-        Ok(file)
+    /// As [`alone`].
+    pub(super) fn lock(&self, fold: &Path, machine: &Machine) -> Result<Lock> {
+        alone(&self.note(fold).with_extension("lock"), &self.to_string(), machine)
     }
 
-    /// Notes how far it is.
+    /// Notes how far it is, with the `names` of what it left below the folder of its fold.
     ///
     /// # Errors
-    /// When the note cannot be written; [`Job::lock`] makes its folder.
-    pub(super) fn set(&self, fold: &Path, state: JobState, seconds: f64) -> Result<()> {
-        write_json(&self.note(fold), &Note { state, seconds: (seconds * 100.).round() / 100. })
+    /// When a file cannot be read or the note not be written; [`Job::lock`] makes its folder.
+    pub(super) fn set(&self, fold: &Path, state: JobState, seconds: f64, names: Vec<String>) -> Result<()> {
+        let mut files = BTreeMap::new();
+        for name in names {
+            let seal = Seal::of(&fold.join(&name)).with_context(|| format!("cannot read {name}"))?;
+            files.insert(name, seal);
+        }
+        Ok(gnp_file::save_json(&self.note(fold), &Note { state, seconds: (seconds * 100.).round() / 100., files })?)
+    }
+}
+
+/// Waits until no other process holds the lock at `path`, whose folder is made. `what` is done by who holds it.
+///
+/// # Errors
+/// When the file cannot be made; [`Error::Stopped`](crate::Error) while it waits.
+pub(super) fn alone(path: &Path, what: &str, machine: &Machine) -> Result<Lock> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    let mut told = false;
+    loop {
+        match Lock::take(path) {
+            Err(LockError::Held { owner, .. }) => {
+                if !told {
+                    let owner = owner.map_or_else(|| "another process".to_owned(), |owner| owner.to_string());
+                    machine.progress.note(&format!("{what}: {owner} does it; waiting for its end"));
+                    told = true;
+                }
+                machine.stop.check()?;
+                std::thread::sleep(PERIOD);
+            }
+            other => return Ok(other?),
+        }
     }
 }
 
@@ -190,19 +243,45 @@ mod tests {
     fn a_job_remembers_how_far_it_is() {
         let folder = tempfile::TempDir::new().unwrap();
         let [one, other] = [jobs()[0].clone(), jobs()[1].clone()];
-        assert_eq!(one.state(folder.path()).unwrap(), JobState::ToDo);
+        let state = |job: &Job| job.standing(folder.path()).state;
+        assert_eq!(state(&one), JobState::ToDo);
         let held = one.lock(folder.path(), &Machine::default()).unwrap();
-        assert!(File::open(one.note(folder.path()).with_extension("lock")).unwrap().try_lock().is_err());
+        assert!(Lock::take(&one.note(folder.path()).with_extension("lock")).is_err());
         // Who waits for it can be stopped.
         let machine = Machine::default();
         machine.stop.request();
         assert!(one.lock(folder.path(), &machine).unwrap_err().is_stopped());
         drop(held);
         one.lock(folder.path(), &machine).unwrap();
-        one.set(folder.path(), JobState::Begun, 0.).unwrap();
-        assert_eq!(one.state(folder.path()).unwrap(), JobState::Begun);
-        one.set(folder.path(), JobState::Done, 1.234).unwrap();
-        assert_eq!(one.state(folder.path()).unwrap(), JobState::Done);
-        assert_eq!(other.state(folder.path()).unwrap(), JobState::ToDo);
+        one.set(folder.path(), JobState::Begun, 0., Vec::new()).unwrap();
+        assert_eq!(state(&one), JobState::Begun);
+        one.set(folder.path(), JobState::Done, 1.234, Vec::new()).unwrap();
+        assert_eq!(state(&one), JobState::Done);
+        assert_eq!(state(&other), JobState::ToDo);
+    }
+
+    #[test]
+    fn a_job_whose_files_are_not_what_it_left_is_to_be_done_again() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let (job, machine) = (jobs()[0].clone(), Machine::default());
+        let _held = job.lock(folder.path(), &machine).unwrap();
+        let weights = folder.path().join("a.safetensors");
+        fs::write(&weights, "weights").unwrap();
+        job.set(folder.path(), JobState::Done, 1., vec!["a.safetensors".to_owned()]).unwrap();
+        assert_eq!(job.standing(folder.path()), Standing { state: JobState::Done, damage: Vec::new() });
+        job.discard(folder.path()).unwrap();
+        assert!(weights.exists());
+        fs::write(&weights, "weighty").unwrap();
+        let standing = job.standing(folder.path());
+        assert_eq!(standing.state, JobState::Begun);
+        assert_eq!(standing.damage, ["a.safetensors differs from what was written"]);
+        job.discard(folder.path()).unwrap();
+        assert_eq!(job.standing(folder.path()).damage, ["a.safetensors is missing"]);
+        // A note that cannot be believed says nothing.
+        let note = job.note(folder.path());
+        fs::write(&note, fs::read_to_string(&note).unwrap().replace("done", "to_do")).unwrap();
+        let standing = job.standing(folder.path());
+        assert_eq!(standing.state, JobState::Begun);
+        assert!(standing.damage[0].contains("differs from what was written"), "{standing:?}");
     }
 }

@@ -2,12 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use gnp_file::Lock;
+
 use super::files::Scored;
+use super::jobs;
 use crate::config::{RunConfig, Setting};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
-use crate::run::folder::occupied;
+use crate::run::draft::{occupied, sweep};
 use crate::stages::Plan;
 
 /// What preparation writes of what a comparison was asked for, once all of its folds are prepared.
@@ -91,6 +94,17 @@ impl Place {
             ..plan.clone()
         };
         plan.begin(machine)
+    }
+
+    /// Keeps other processes from writing the table until the lock is dropped; waits for the one that does. Temporary files
+    /// of killed ones go.
+    ///
+    /// # Errors
+    /// As [`jobs::alone`].
+    pub(super) fn alone(&self, machine: &Machine) -> Result<Lock> {
+        let lock = jobs::alone(&self.folder.join(jobs::FOLDER).join("table.lock"), self.stem, machine)?;
+        sweep(std::slice::from_ref(&self.folder), machine);
+        Ok(lock)
     }
 
     /// What every fold got, as one.

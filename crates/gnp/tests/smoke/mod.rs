@@ -12,6 +12,7 @@ pub(crate) fn config(more: &[&str]) -> RunConfig {
 }
 
 /// A run of it, trained.
+#[allow(dead_code)] // not every test that has this module trains one so
 pub(crate) fn trained(config: RunConfig, out: &Path) -> Run {
     let mut run = Plan::new(config, None, out).begin(&Machine::default()).unwrap();
     run.train().unwrap();

@@ -5,7 +5,7 @@ use gnp_force::MarkingKind;
 use crate::assemble::VehicleBody;
 use crate::error::DataError;
 use crate::formats::table::{Kind, Table, Values, Wanted};
-use crate::limits::{MAX_LANE_WIDTH, MAX_LINES, MAX_POSITION, MAX_RATE_HZ};
+use crate::limits::{self, MAX_LANE_WIDTH, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MIN_RATE_HZ};
 use crate::recording::{LaneMarking, Road, VehicleClass};
 
 /// Columns of `NN_recordingMeta.csv` that need not be there, and what they count.
@@ -53,8 +53,8 @@ pub(super) fn recording(table: &Table) -> Result<Stated, DataError> {
         });
     }
     let rate_hz = rates.first().copied().map_or(0., f64::from);
-    if !(rate_hz > 0. && rate_hz <= MAX_RATE_HZ) {
-        let reason = format!("is no frame rate: it must be positive and at most {MAX_RATE_HZ} Hz; repair it");
+    if !limits::is_rate(rate_hz) {
+        let reason = format!("is no frame rate: it must be from {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz; repair it");
         return Err(table.bad_value(0, rate, rate_hz, &reason));
     }
     let mut word = || values.next().map(Values::words).and_then(|words| words.1.into_iter().next()).unwrap_or_default();
