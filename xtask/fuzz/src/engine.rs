@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Mutex, Once};
+use std::sync::{Mutex, Once, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::mutate::Mutator;
@@ -16,6 +16,9 @@ const MOST_FAILURES: usize = 8;
 
 /// What the last panic said and where, of any thread.
 static PANIC: Mutex<Option<String>> = Mutex::new(None);
+
+/// One execution at a time in a process: what a panic said is that of this one.
+static ALONE: Mutex<()> = Mutex::new(());
 
 thread_local! {
     /// Whether this thread tries an input.
@@ -66,6 +69,7 @@ pub fn catch_panics() {
 /// # Errors
 /// What went wrong, in words.
 pub fn execute(target: &Target, scratch: &Scratch, input: &[u8]) -> Result<(), String> {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     if let Ok(mut last) = PANIC.lock() {
         *last = None;
     }
