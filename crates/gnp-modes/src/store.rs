@@ -64,7 +64,7 @@ impl Modes {
             (&[modes, t_pred, 2], Values::F32(centres), &[count], Values::U64(sizes), Values::F64(inertia))
                 if count == modes && inertia.len() == 1 =>
             {
-                if modes == 0 || t_pred == 0 || centres.iter().any(|x| !(x.abs() <= FARTHEST)) {
+                if modes == 0 || t_pred == 0 || centres.iter().any(|x| x.is_nan() || x.abs() > FARTHEST) {
                     return Err(format!("has no centre, or one that is not a position within {} km", FARTHEST / 1e3));
                 }
                 let sizes = sizes.into_iter().map(|n| n as usize).collect();
