@@ -161,7 +161,7 @@ impl Content {
                 mode: group.whole(i, "mode", i64::MIN..i64::MAX)?,
                 step: group.whole(i, "step", 1..MAX_STEPS)? as u32,
                 segment: group.segment(i)?,
-                probability: group.number(i, "probability")?,
+                probability: group.probability(i)?,
                 at: [group.position(i, "x")?, group.position(i, "y")?],
                 origin: group.origin(i),
                 explanation,
