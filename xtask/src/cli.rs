@@ -1,5 +1,6 @@
 //! The command line of the workshop: the commands of `gnp`, and the project's own.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
@@ -140,6 +141,35 @@ pub(crate) struct BenchArgs {
     pub(crate) quiet: bool,
 }
 
+/// What to fuzz, and how long.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct FuzzArgs {
+    /// A target; several may be given [default: all].
+    #[arg(long = "target", value_name = "NAME")]
+    pub(crate) targets: Vec<String>,
+    /// Executions of each target.
+    #[arg(long, value_name = "N", conflicts_with = "seconds")]
+    pub(crate) executions: Option<u64>,
+    /// Seconds for each target [default: 60].
+    #[arg(long, value_name = "S")]
+    pub(crate) seconds: Option<u64>,
+    /// Targets at a time.
+    #[arg(long, value_name = "N", default_value_t = NonZeroUsize::MIN)]
+    pub(crate) jobs: NonZeroUsize,
+    /// From which the inputs are drawn; the same gives the same.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Let libFuzzer look for inputs that reach new code; its corpus grows in runs/fuzz/corpus.
+    #[arg(long)]
+    pub(crate) coverage: bool,
+    /// Try the input in this file, and nothing else.
+    #[arg(long, value_name = "FILE", requires = "targets", conflicts_with_all = ["executions", "seconds", "coverage"])]
+    pub(crate) replay: Option<PathBuf>,
+    /// Be the process that does the work on one target, with its files in this folder.
+    #[arg(long, value_name = "DIR", hide = true)]
+    pub(crate) worker: Option<PathBuf>,
+}
+
 fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "give a whole number from 1".to_owned())
 }
@@ -179,33 +209,4 @@ mod tests {
         }
         assert!(Cli::try_parse_from(["xtask", "pipeline", "--dataset", "ngsim"]).is_ok());
     }
-}
-
-/// What to fuzz, and how long.
-#[derive(Clone, Debug, Args)]
-pub(crate) struct FuzzArgs {
-    /// A target; several may be given [default: all].
-    #[arg(long = "target", value_name = "NAME")]
-    pub(crate) targets: Vec<String>,
-    /// Executions of each target.
-    #[arg(long, value_name = "N", conflicts_with = "seconds")]
-    pub(crate) executions: Option<u64>,
-    /// Seconds for each target [default: 60].
-    #[arg(long, value_name = "S")]
-    pub(crate) seconds: Option<u64>,
-    /// Targets at a time.
-    #[arg(long, value_name = "N", default_value_t = std::num::NonZeroUsize::MIN)]
-    pub(crate) jobs: std::num::NonZeroUsize,
-    /// From which the inputs are drawn; the same gives the same.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub(crate) seed: u64,
-    /// Let libFuzzer look for inputs that reach new code; its corpus grows in runs/fuzz/corpus.
-    #[arg(long)]
-    pub(crate) coverage: bool,
-    /// Try the input in this file, and nothing else.
-    #[arg(long, value_name = "FILE", requires = "targets", conflicts_with_all = ["executions", "seconds", "coverage"])]
-    pub(crate) replay: Option<PathBuf>,
-    /// Be the process that does the work on one target, with its files in this folder.
-    #[arg(long, value_name = "DIR", hide = true)]
-    pub(crate) worker: Option<PathBuf>,
 }

@@ -4,6 +4,7 @@ mod libfuzzer;
 mod worker;
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 use std::thread::sleep;
@@ -45,6 +46,26 @@ pub(crate) fn run(args: &FuzzArgs, terminal: &Terminal) -> Result<()> {
         (Some(_), ..) | (_, Some(_), _) => bail!("give one --target"),
         _ => all(&targets, args, terminal),
     }
+}
+
+/// A minute of each target, two at a time.
+///
+/// # Errors
+/// As [`run`].
+pub(crate) fn a_minute_each(terminal: &Terminal) -> Result<()> {
+    let jobs = NonZeroUsize::MIN.saturating_add(1);
+    let targets = Vec::new();
+    let args = FuzzArgs {
+        targets,
+        executions: None,
+        seconds: None,
+        jobs,
+        seed: 0,
+        coverage: false,
+        replay: None,
+        worker: None,
+    };
+    run(&args, terminal)
 }
 
 fn chosen(names: &[String]) -> Result<Vec<&'static Target>> {
