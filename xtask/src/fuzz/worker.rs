@@ -45,6 +45,9 @@ pub(super) fn command(target: &Target, folder: &Path, args: &FuzzArgs) -> Result
 /// # Errors
 /// When the corpus or the files of the folder cannot be had.
 pub(super) fn run(target: &Target, folder: &Path, args: &FuzzArgs) -> Result<Infallible> {
+    // What is done in parallel is done here: handing it to another thread and back takes longer than doing it.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
+    pool.build_global().context("cannot make a pool of threads")?;
     let scratch = Scratch::within(folder)?;
     let corpus = target.corpus(&scratch)?;
     let current = File::create(folder.join(CURRENT)).context("cannot make a file")?;
