@@ -10,7 +10,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 
 use crate::workspace::cargo;
-use crate::{bench, determinism, tidy, torture};
+use crate::{bench, determinism, fuzz, tidy, torture};
 use gnp::Progress as _;
 use gnp::text::duration;
 use gnp_cli::Terminal;
@@ -40,7 +40,16 @@ const COMPILED: [Step<'_>; 2] = [
 /// Every crate as it would be published; compiling each from its package as well takes as long as all else.
 const PACKAGE: Step<'_> = Step {
     name: "package",
-    arguments: &["package", "--workspace", "--exclude", "xtask", "--no-verify", "--allow-dirty"],
+    arguments: &[
+        "package",
+        "--workspace",
+        "--exclude",
+        "xtask",
+        "--exclude",
+        "gnp-fuzz",
+        "--no-verify",
+        "--allow-dirty",
+    ],
     environment: &[],
 };
 
@@ -100,8 +109,8 @@ const RERUN: [Step<'_>; 3] = [
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
 /// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
-/// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once,
-/// with `rerun` what needs that feature, and test; stops at the first that fails.
+/// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
+/// minute of each fuzzing target, with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
@@ -116,6 +125,7 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     within(terminal, "bench", "--check --quick", || bench::check(bench::Profile::Quick, terminal))?;
     within(terminal, "determinism", "--threads-only", || determinism::threads(terminal))?;
     within(terminal, "torture", "", || torture::once(terminal))?;
+    within(terminal, "fuzz", "--seconds 60 --jobs 2", || fuzz::a_minute_each(terminal))?;
     if rerun {
         RERUN.iter().try_for_each(|one| step(root, terminal, one))?;
     }

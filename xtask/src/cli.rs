@@ -1,5 +1,6 @@
 //! The command line of the workshop: the commands of `gnp`, and the project's own.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
@@ -49,6 +50,16 @@ Examples:
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
+    /// Try made-up and damaged input on everything that reads.
+    #[command(after_help = "\
+Examples:
+  cargo xtask fuzz --seconds 60 --jobs 2              a minute of each target, two at a time
+  cargo xtask fuzz --target ngsim --executions 1000000
+  cargo xtask fuzz --target ngsim --coverage          libFuzzer; needs a C++ compiler
+  cargo xtask fuzz --target ngsim --replay FILE       one input again
+
+Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something, 2 wrong use.")]
+    Fuzz(FuzzArgs),
     /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, determinism, crashes, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
@@ -128,6 +139,35 @@ pub(crate) struct BenchArgs {
     /// No progress, only tables.
     #[arg(long, short)]
     pub(crate) quiet: bool,
+}
+
+/// What to fuzz, and how long.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct FuzzArgs {
+    /// A target; several may be given [default: all].
+    #[arg(long = "target", value_name = "NAME")]
+    pub(crate) targets: Vec<String>,
+    /// Executions of each target.
+    #[arg(long, value_name = "N", conflicts_with = "seconds")]
+    pub(crate) executions: Option<u64>,
+    /// Seconds for each target [default: 60].
+    #[arg(long, value_name = "S")]
+    pub(crate) seconds: Option<u64>,
+    /// Targets at a time.
+    #[arg(long, value_name = "N", default_value_t = NonZeroUsize::MIN)]
+    pub(crate) jobs: NonZeroUsize,
+    /// From which the inputs are drawn; the same gives the same.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Let libFuzzer look for inputs that reach new code; its corpus grows in runs/fuzz/corpus.
+    #[arg(long)]
+    pub(crate) coverage: bool,
+    /// Try the input in this file, and nothing else.
+    #[arg(long, value_name = "FILE", requires = "targets", conflicts_with_all = ["executions", "seconds", "coverage"])]
+    pub(crate) replay: Option<PathBuf>,
+    /// Be the process that does the work on one target, with its files in this folder.
+    #[arg(long, value_name = "DIR", hide = true)]
+    pub(crate) worker: Option<PathBuf>,
 }
 
 fn positive(text: &str) -> Result<usize, String> {

@@ -6,6 +6,7 @@ mod ci;
 mod cli;
 mod contents;
 mod determinism;
+mod fuzz;
 mod gallery;
 mod process;
 mod project;
@@ -45,6 +46,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Product(_) => Ok(()),
         Command::Gallery(args) => gallery::run(args, program),
         Command::Bench(args) => bench::run(args, &terminal(args.quiet)),
+        Command::Fuzz(args) => fuzz::run(args, &terminal(false)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
         Command::Determinism(args) => determinism::run(*args, &terminal(args.quiet)),

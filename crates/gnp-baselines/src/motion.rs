@@ -56,7 +56,7 @@ pub(crate) fn periods(model: &str, shape: WindowShape, seconds: f64, least: usiz
     }
     Err(PredictError::Shape {
         model: model.to_owned(),
-        needs: format!("{} observed frames ({seconds} s at {} Hz)", periods + 1, shape.rate_hz),
+        needs: format!("{} observed frames ({seconds} s at {} Hz)", periods.saturating_add(1), shape.rate_hz),
         found: format!("{}", shape.t_obs),
     })
 }

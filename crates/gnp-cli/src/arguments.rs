@@ -67,7 +67,7 @@ Examples:
 
 A file of predictions is in the Parquet schema of predictions.parquet and is scored beside constant
 velocity. With --run the windows are those that the run is evaluated on, without it all windows of the data. A file
-that lacks a window is refused.")]
+that lacks a window, or has vehicles that are not in the data, is refused.")]
     Evaluate(EvaluateArgs),
     /// Train what is missing and score every system on the same windows: the paper's Table 1, ours.
     #[command(alias = "table1")]
@@ -391,7 +391,7 @@ pub struct MachineArgs {
     #[arg(long, value_enum, default_value_t = DeviceName::Cpu)]
     pub(crate) device: DeviceName,
     /// Number of threads [default: all cores]; results do not depend on it.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
     /// No progress, only warnings and tables.
     #[arg(long, short)]
@@ -488,6 +488,14 @@ mod tests {
             &["gnp", "goal"],
             &["gnp", "pipeline", "--dataset", "ngsim", "--set", "goal.epochs"],
             &["gnp", "pipeline", "--dataset", "ngsim", "--threads", "0"],
+            &["gnp", "pipeline", "--dataset", "ngsim", "--threads", "65535"],
+            &["gnp", "compare", "--dataset", "ngsim", "--seeds", "65535"],
+            &["gnp", "compare", "--dataset", "ngsim", "--workers", "65535"],
+            &["gnp", "realism", "--dataset", "ngsim", "--roll-outs", "65535"],
+            &["gnp", "simulate", "--dataset", "ngsim", "--seconds", "1e30"],
+            &["gnp", "simulate", "--dataset", "ngsim", "--at", "nan"],
+            &["gnp", "explain", "--run", "a", "--speed", "5=1e30"],
+            &["gnp", "explain", "--run", "a", "--goal", "1e30,0"],
             &["gnp", "evaluate"],
             &["gnp", "evaluate", "--run", "a", "--protocol", "av2"],
             &["gnp", "evaluate", "--run", "a", "--data-dir", "d", "--again"],

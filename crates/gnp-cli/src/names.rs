@@ -40,24 +40,38 @@ pub(crate) fn dataset(text: &str) -> Result<Dataset, String> {
     format_of(dataset).map(|_| dataset).map_err(|error| error.to_string())
 }
 
+/// Farthest goal, m, and fastest vehicle, m/s, that are believed.
+const FARTHEST_M: f32 = 10_000.;
+const FASTEST_MPS: f32 = 100.;
+
 /// `--goal`: a place forward and left of a vehicle, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Place(pub(crate) [f32; 2]);
 
 /// `--goal X,Y`.
 pub(crate) fn place(text: &str) -> Result<Place, String> {
-    let both = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
-    both.map(Place).ok_or_else(|| "give two lengths in m, forward and left, such as 60,-3.6".to_owned())
+    let both = text.split_once(',').and_then(|(x, y)| Some([number(x, FARTHEST_M)?, number(y, FARTHEST_M)?]));
+    both.map(Place)
+        .ok_or_else(|| format!("give two lengths in m, forward and left, up to {FARTHEST_M}, such as 60,-3.6"))
 }
 
 /// `--speed NUMBER=MPS`.
 pub(crate) fn speed(text: &str) -> Result<(u32, f32), String> {
-    let both = text.split_once('=').and_then(|(vehicle, speed)| Some((vehicle.trim().parse().ok()?, number(speed)?)));
-    both.ok_or_else(|| "give a vehicle and its speed in m/s, such as 549=5".to_owned())
+    let both = text
+        .split_once('=')
+        .and_then(|(vehicle, speed)| Some((vehicle.trim().parse().ok()?, number(speed, FASTEST_MPS)?)));
+    both.ok_or_else(|| format!("give a vehicle and its speed in m/s, up to {FASTEST_MPS}, such as 549=5"))
 }
 
-fn number(text: &str) -> Option<f32> {
-    text.trim().parse().ok().filter(|value: &f32| value.is_finite())
+/// A span of time, s: up to a day.
+pub(crate) fn seconds(text: &str) -> Result<f64, String> {
+    let given = text.trim().parse().ok().filter(|seconds| (0. ..=86_400.).contains(seconds));
+    given.ok_or_else(|| "give a number of seconds from 0 to 86400".to_owned())
+}
+
+/// A number that is not larger than `most`, with either sign.
+fn number(text: &str, most: f32) -> Option<f32> {
+    text.trim().parse().ok().filter(|value: &f32| value.abs() <= most)
 }
 
 /// `--device`.

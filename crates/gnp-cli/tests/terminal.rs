@@ -41,8 +41,12 @@ fn output_is_plain_and_fits_where_nobody_looks() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
     let smoke = concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/smoke.toml");
-    let (out, err) = printed(&["pipeline", "--config", smoke, "--out", shown(&run)], &[("TERM", "xterm-256color")]);
+    let arguments = ["pipeline", "--config", smoke, "--out", shown(&run), "--tables"];
+    let (out, err) = printed(&arguments, &[("TERM", "xterm-256color")]);
     assert!(out.contains("constant velocity") && err.contains("goal: epoch 2/2"), "{err}");
+    assert!(out.contains("protocol literature") && out.contains("protocol clean"), "{out}");
+    let (out, _) = printed(&["explain", "--run", shown(&run)], &[("NO_COLOR", "1")]);
+    assert!(out.contains("sum of the causes"), "{out}");
 
     // Figures are there in both forms, and every one is told of.
     let (out, _) = printed(&["figures", "--run", shown(&run)], &[("NO_COLOR", "1")]);

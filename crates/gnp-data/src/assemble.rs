@@ -71,7 +71,7 @@ impl Rows {
 #[non_exhaustive]
 pub enum NeighbourSource {
     /// The data names the vehicle in each slot, in the order of [`Slot::ALL`](crate::Slot::ALL); 0
-    /// or less for none.
+    /// or -1 for none. One that is not where its slot says is not taken, and counted.
     Named(Box<[Vec<i32>; SLOTS]>),
     /// They are found by [`find_neighbours`](crate::find_neighbours). The function gives a lane
     /// number of the data its place in the order from left to right, 1 leftmost; for most data that
@@ -332,12 +332,12 @@ mod tests {
         let mut rows = rows(&given);
         let mut ids: [Vec<i32>; SLOTS] = std::array::from_fn(|_| vec![0; given.len()]);
         ids[1] = vec![0, 0, 0, 3, 3, 3, 3]; // in frame 6 vehicle 3 is gone
-        ids[6] = vec![-1, 8, 8, 0, 0, 0, 0];
+        ids[0] = vec![-1, 8, 8, 0, 0, 0, 0];
         rows.neighbours = NeighbourSource::Named(Box::new(ids));
         let (recording, quality) = Recording::from_rows(meta(), vec![road()], rows, car).unwrap();
         let at = |slot: Slot| (0..7).map(|row| recording.neighbour(row, slot)).collect::<Vec<_>>();
         assert_eq!(at(Slot::Following), [None, None, None, Some(0), Some(0), Some(1), None]);
-        assert_eq!(at(Slot::RightAlongside), [None, Some(2), Some(3), None, None, None, None]);
+        assert_eq!(at(Slot::Preceding), [None, Some(2), Some(3), None, None, None, None]);
         assert_eq!(quality.unknown_neighbours, 1);
     }
 

@@ -100,9 +100,6 @@ pub(crate) fn no_text(head: &[u8], whole: bool) -> Option<Foreign> {
     if even.max(odd) > head.len() / 4 && even.min(odd) == 0 {
         return Some(Foreign { what: "text in UTF-16 without its mark", remedy: utf8 });
     }
-    if even + odd > 0 {
-        return Some(Foreign { what: "no text: it has NUL bytes", remedy: "copy or download it again" });
-    }
     let line_ends = head.contains(&b'\n');
     if !line_ends && head.trim_ascii().contains(&b'\r') {
         return Some(Foreign {
@@ -110,13 +107,16 @@ pub(crate) fn no_text(head: &[u8], whole: bool) -> Option<Foreign> {
             remedy: "save it with line feeds (LF or CR LF)",
         });
     }
-    if !line_ends && !whole {
+    if !line_ends && !whole && even + odd == 0 {
         return Some(Foreign {
             what: "without a line end in its first 64 KiB",
             remedy: "a table has a row a line: take the original file",
         });
     }
     let first = head.split(|b| *b == b'\n').map(<[u8]>::trim_ascii).find(|line| !line.is_empty())?;
+    if first.contains(&0) {
+        return Some(Foreign { what: "no text: it has NUL bytes", remedy: "copy or download it again" });
+    }
     std::str::from_utf8(first).is_err().then_some(Foreign { what: "text that is not in UTF-8", remedy: utf8 })
 }
 

@@ -36,6 +36,7 @@ pub(crate) const ALL: &[&dyn Format] = &[];
 pub(crate) fn head(file: &Path) -> Result<(Vec<u8>, bool), DataError> {
     use std::io::Read as _;
 
+    crate::discover::only_a_file(file)?;
     let io = |source| DataError::Io { file: file.into(), source };
     let mut head = Vec::new();
     let opened = std::fs::File::open(file).map_err(io)?;

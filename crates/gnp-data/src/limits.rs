@@ -29,6 +29,15 @@ pub const MAX_LINES: usize = 17;
 /// Highest rate of a recording, Hz: no camera over a road has more.
 pub const MAX_RATE_HZ: f64 = 1000.;
 
+/// Lowest rate of a recording, Hz: a frame in a hundred seconds.
+pub const MIN_RATE_HZ: f64 = 0.01;
+
+/// Whether a rate, Hz, is that of a recording.
+#[must_use]
+pub fn is_rate(rate_hz: f64) -> bool {
+    (MIN_RATE_HZ..=MAX_RATE_HZ).contains(&rate_hz)
+}
+
 /// Whether both coordinates of a position, m, are within [`MAX_POSITION`].
 #[must_use]
 pub fn is_position(position: [f32; 2]) -> bool {

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use crate::assemble::{Rows, VehicleBody};
 use crate::dataset::Dataset;
 use crate::error::DataError;
-use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED};
+use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED, MIN_RATE_HZ};
 use crate::recording::{LaneMarking, Recording, RecordingMeta, Road, VehicleClass};
 use crate::window::Observation;
 use crate::window_shape::{WindowError, WindowShape};
@@ -89,7 +89,7 @@ struct Vehicle {
 #[non_exhaustive]
 pub enum LiveError {
     /// A rate that is none.
-    #[error("a rate of {rate_hz} Hz is not positive or above {MAX_RATE_HZ} Hz")]
+    #[error("a rate of {rate_hz} Hz is not one from {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz")]
     Rate {
         /// The rate, Hz.
         rate_hz: f64,
@@ -158,7 +158,7 @@ impl LiveScene {
     /// # Errors
     /// [`LiveError::Rate`], [`LiveError::Lines`].
     pub fn new(rate_hz: f64, lines: Vec<LaneMarking>) -> Result<Self, LiveError> {
-        if !(rate_hz > 0. && rate_hz <= MAX_RATE_HZ) {
+        if !limits::is_rate(rate_hz) {
             return Err(LiveError::Rate { rate_hz });
         }
         let grow = lines.windows(2).all(|pair| pair[0].y < pair[1].y);

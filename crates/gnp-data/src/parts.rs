@@ -1,7 +1,7 @@
 //! A recording from its parts, checked.
 
 use crate::error::DataError;
-use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED};
+use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED, MIN_RATE_HZ};
 use crate::lookup::FrameIndex;
 use crate::recording::{Columns, NO_TRACK, NamedLeader, Recording, RecordingMeta, Road, Track, VelocitySource};
 
@@ -40,8 +40,8 @@ fn check_meta(meta: &RecordingMeta) -> Result<(), String> {
     if meta.name.is_empty() {
         return Err("the name is empty; give every recording a name".into());
     }
-    if !(meta.rate_hz > 0. && meta.rate_hz <= MAX_RATE_HZ) {
-        return Err(format!("rate {} Hz; it must be positive and at most {MAX_RATE_HZ} Hz", meta.rate_hz));
+    if !limits::is_rate(meta.rate_hz) {
+        return Err(format!("rate {} Hz; it must be from {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz", meta.rate_hz));
     }
     Ok(())
 }

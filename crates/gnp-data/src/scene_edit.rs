@@ -1,6 +1,7 @@
 //! A window's past with changes: what a predictor is asked with "what if".
 
 use crate::error::DataError;
+use crate::limits::MAX_SPEED;
 use crate::neighbours::{LanePosition, find_neighbours};
 use crate::parts::track_at;
 use crate::recording::{Columns, NO_TRACK, NamedLeader, Recording, Track, VelocitySource};
@@ -55,7 +56,7 @@ pub enum SceneEditError {
         vehicle: u32,
     },
     /// A speed that is none.
-    #[error("vehicle {vehicle}: a speed of {speed_mps} m/s is not finite, or below 0")]
+    #[error("vehicle {vehicle}: a speed of {speed_mps} m/s is not between 0 and {MAX_SPEED} m/s")]
     Speed {
         /// The vehicle.
         vehicle: u32,
@@ -171,7 +172,7 @@ impl EditedScene {
     /// # Errors
     /// [`SceneEditError::Speed`], [`SceneEditError::Absent`], [`SceneEditError::NoPast`].
     pub fn with_speed(self, vehicle: u32, speed_mps: f32) -> Result<Self, DataError> {
-        if !(speed_mps.is_finite() && speed_mps >= 0.) {
+        if !(0. ..=MAX_SPEED).contains(&speed_mps) {
             return Err(SceneEditError::Speed { vehicle, speed_mps }.into());
         }
         let mut columns = self.recording.columns().clone();

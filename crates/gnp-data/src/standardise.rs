@@ -59,6 +59,22 @@ impl Standardiser {
         Ok(Self { std: std.collect(), mean: mean.into_iter().map(|mean| mean as f32).collect() })
     }
 
+    /// Checks means and deviations that come from a file.
+    ///
+    /// # Errors
+    /// [`DataError::Features`] when their numbers differ, one is not finite or a deviation is not positive.
+    pub fn check(&self) -> Result<(), DataError> {
+        let fail = |reason| Err(DataError::Features { reason });
+        if self.mean.len() != self.std.len() {
+            return fail(format!("{} means and {} standard deviations", self.mean.len(), self.std.len()));
+        }
+        let wrong = |(mean, std): (&f32, &f32)| !(mean.is_finite() && std.is_finite() && *std > 0.);
+        match self.mean.iter().zip(&self.std).position(wrong) {
+            Some(i) => fail(format!("feature {i} has mean {} and standard deviation {}", self.mean[i], self.std[i])),
+            None => Ok(()),
+        }
+    }
+
     /// Number of features.
     #[must_use]
     pub fn features(&self) -> usize {
@@ -106,6 +122,16 @@ mod tests {
         assert_eq!(fitted.mean[..2], [3., 10.]);
         assert!((fitted.std[0] - (8f32 / 3.).sqrt()).abs() < 1e-6);
         assert_eq!(fitted.std[1], 1., "a constant feature is not divided by 0");
+    }
+
+    #[test]
+    fn what_no_fit_gives_is_refused() {
+        let of = |mean: &[f32], std: &[f32]| Standardiser { mean: mean.to_vec(), std: std.to_vec() }.check();
+        assert!(of(&[0., 1e3], &[1., 0.1]).is_ok());
+        for (mean, std) in [(0., 0.), (0., -1.), (0., f32::INFINITY), (f32::NAN, 1.)] {
+            assert!(of(&[mean], &[std]).unwrap_err().to_string().contains("feature 0"), "{mean} {std}");
+        }
+        assert!(of(&[0.], &[1., 1.]).is_err());
     }
 
     #[test]

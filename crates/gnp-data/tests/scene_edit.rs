@@ -260,5 +260,7 @@ fn what_cannot_be_changed_says_why() {
     assert_eq!(refused(scene().with_speed(77, 1.)), SceneEditError::Absent { vehicle: 77 });
     assert_eq!(refused(scene().with_speed(12, 1.)), SceneEditError::NoPast { vehicle: 12 });
     assert_eq!(refused(scene().with_speed(6, -1.)), SceneEditError::Speed { vehicle: 6, speed_mps: -1. });
-    assert!(matches!(refused(scene().with_speed(6, f32::NAN)), SceneEditError::Speed { .. }));
+    for speed in [f32::NAN, 101., 1e30] {
+        assert!(matches!(refused(scene().with_speed(6, speed)), SceneEditError::Speed { .. }));
+    }
 }

@@ -185,6 +185,7 @@ impl Bootstrap {
     }
 
     /// `of` each resample, in order: it is given how often each cluster was drawn.
+    /// One result for each resample; of more than anybody has a use for, as many as [`Bootstrap::RANGES`] allows.
     fn resample<T: Send>(&self, clusters: usize, of: impl Fn(&[f64]) -> T + Sync) -> Vec<T> {
         let draw = |resample: usize| {
             let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
@@ -195,7 +196,8 @@ impl Bootstrap {
             }
             of(&times)
         };
-        (0..self.resamples).into_par_iter().map(draw).collect()
+        let [(_, _, most, _), _] = Self::RANGES;
+        (0..self.resamples.min(most as usize)).into_par_iter().map(draw).collect()
     }
 }
 

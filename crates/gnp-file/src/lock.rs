@@ -81,6 +81,10 @@ impl Lock {
     /// [`LockError::Held`] when it is held, by this process, too; [`LockError::Io`] when the file cannot be made.
     pub fn take(path: &Path) -> Result<Self, LockError> {
         let io = |source| LockError::Io { path: path.to_owned(), source };
+        // The owner would be written into what it points to.
+        if path.symlink_metadata().is_ok_and(|found| found.is_symlink()) {
+            return Err(io(io::Error::other("it is a symbolic link; remove it")));
+        }
         let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
         if let Err(TryLockError::WouldBlock) = file.try_lock() {
             let mut text = String::new();
@@ -150,5 +154,17 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"");
         drop(Lock::take(&path).unwrap());
         assert!(matches!(Lock::take(&folder.path().join("missing/a.lock")), Err(LockError::Io { .. })));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_a_link_points_to_is_not_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let (victim, link) = (folder.path().join("victim"), folder.path().join("run.lock"));
+        std::fs::write(&victim, "mine").unwrap();
+        std::os::unix::fs::symlink(&victim, &link).unwrap();
+        let message = std::error::Error::source(&Lock::take(&link).unwrap_err()).unwrap().to_string();
+        assert!(message.contains("symbolic link"), "{message}");
+        assert_eq!(std::fs::read(&victim).unwrap(), b"mine");
     }
 }

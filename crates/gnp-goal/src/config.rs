@@ -97,7 +97,8 @@ impl GoalConfig {
         Ok(())
     }
 
-    /// Number of weights of a network for data of `shape`, which need not be built for it.
+    /// Number of weights of a network for data of `shape`, which need not be built for it; of a configuration that
+    /// [`GoalConfig::check`] passes.
     #[must_use]
     pub fn weights(&self, shape: &GoalShape) -> u64 {
         let [width, layers, slots] = [self.width, self.layers, shape.slots].map(|size| size as u64);

@@ -57,6 +57,14 @@ pub enum ModelError {
     /// Traffic ahead that cannot be rolled out.
     #[error("the traffic of a window cannot be rolled out: {0}")]
     Traffic(#[from] gnp_force::ForceError),
+    /// A forecast that no trained model gives.
+    #[error(
+        "the forecast of window {window} of the batch is not finite: modes or weights are of no trained model; train again"
+    )]
+    NotFinite {
+        /// Place of the window in the batch, from 0.
+        window: usize,
+    },
     /// From the recordings and windows.
     #[error(transparent)]
     Data(#[from] gnp_data::DataError),

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use candle_core::{Device, Tensor};
 use gnp_baselines::{PlatoonRule, Traffic};
-use gnp_data::{MarkingKind, Observation, SLOTS, Slot, Standardiser, Window, WindowShape};
+use gnp_data::{DataError, MarkingKind, Observation, SLOTS, Slot, Standardiser, Window, WindowShape};
 use gnp_goal::GoalShape;
 use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
 use serde::{Deserialize, Serialize};
@@ -150,6 +150,18 @@ pub struct Features {
 }
 
 impl Features {
+    /// Checks what comes from a file, where any number may stand.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] for a bad configuration, [`ModelError::Data`] for a shape or a standardisation that cannot be.
+    pub(crate) fn check(&self) -> Result<(), ModelError> {
+        self.config.check()?;
+        let WindowShape { t_obs, t_pred, step, rate_hz } = self.shape;
+        WindowShape::new(t_obs, t_pred, step, rate_hz).map_err(DataError::from)?;
+        self.observed.check()?;
+        Ok(self.neighbour.check()?)
+    }
+
     /// Fits the standardisation on `training` windows, which must be of the training part alone, as `platoon` must have
     /// been; it is used where the reference path is the platoon's.
     ///

@@ -107,6 +107,7 @@ impl Gnp {
     ) -> Result<Self, ModelError> {
         let header = goal.header.clone();
         let features = header.features.clone();
+        features.check()?;
         let missing = |key| ModelError::config(key, "is missing in the checkpoint's header: train again");
         let platoon = features.config().reference == ReferencePath::Platoon;
         match neighbours {
@@ -341,7 +342,7 @@ impl Gnp {
         self.on_threads(|| {
             let situations = self.situations(observations)?;
             let goals = self.goals(&situations, k)?;
-            self.drive(&situations, &goals, truths)
+            finite(self.drive(&situations, &goals, truths)?)
         })
     }
 
@@ -495,6 +496,15 @@ fn predict_error(model: &str, error: ModelError) -> PredictError {
     }
 }
 
+/// Refuses what weights give that are finite and of no trained model.
+fn finite(forecasts: Vec<Forecast>) -> Result<Vec<Forecast>, ModelError> {
+    let wrong = |mode: &Mode| !mode.probability.is_finite() || mode.path.iter().flatten().any(|x| !x.is_finite());
+    match forecasts.iter().position(|forecast| forecast.modes.iter().any(wrong)) {
+        Some(window) => Err(ModelError::NotFinite { window }),
+        None => Ok(forecasts),
+    }
+}
+
 impl Predictor for Gnp {
     fn name(&self) -> &str {
         self.name
@@ -521,7 +531,7 @@ impl Predictor for GoalHead {
             return Ok(Vec::new());
         }
         let goals = || self.gnp.goals(&self.gnp.situations(observations)?, k);
-        self.gnp.on_threads(goals).map(plain).map_err(|e| predict_error(self.name(), e))
+        self.gnp.on_threads(goals).map(plain).and_then(finite).map_err(|e| predict_error(self.name(), e))
     }
 }
 

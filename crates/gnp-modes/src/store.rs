@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::ModeError;
 use crate::modes::Modes;
 use crate::normalise::ModeFrame;
+use crate::params::FARTHEST;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -63,8 +64,8 @@ impl Modes {
             (&[modes, t_pred, 2], Values::F32(centres), &[count], Values::U64(sizes), Values::F64(inertia))
                 if count == modes && inertia.len() == 1 =>
             {
-                if modes == 0 || t_pred == 0 || centres.iter().any(|x| !x.is_finite()) {
-                    return Err("has no centre, or one that is not finite".to_owned());
+                if modes == 0 || t_pred == 0 || centres.iter().any(|x| x.is_nan() || x.abs() > FARTHEST) {
+                    return Err(format!("has no centre, or one that is not a position within {} km", FARTHEST / 1e3));
                 }
                 let sizes = sizes.into_iter().map(|n| n as usize).collect();
                 Ok(Self { centres, t_pred, sizes, inertia: inertia[0], converged, abandoned, seed, frame })

@@ -178,6 +178,10 @@ mod tests {
         assert!(parse(&format!("{GOOD}momentum = 1\n")).is_err());
         for (good, bad, key) in [
             ("steps = 800", "steps = 0", "steps"),
+            ("steps = 800", "steps = 1000000000000", "steps"),
+            ("batch = 10", "batch = 100000000000", "batch"),
+            ("fused_targets = 8", "fused_targets = 1000000", "fused_targets"),
+            ("unit_m = 0.3048", "unit_m = inf", "unit_m"),
             ("warm_up = 0.625", "warm_up = 1.5", "warm_up"),
             ("site_sampling_exponent = 0.5", "site_sampling_exponent = -1.0", "site_sampling_exponent"),
             ("unit_m = 0.3048", "unit_m = -1.0", "unit_m"),

@@ -1,5 +1,6 @@
 //! What a scene file says: road, drivers, demand, time.
 use crate::error::SimulationError;
+use gnp_data::limits::{MAX_LINES, MAX_POSITION};
 use gnp_force::{Headways, Mobil, MotorwayRule, Noise, PairRule, Rule};
 use serde::{Deserialize, Serialize};
 
@@ -7,8 +8,14 @@ use serde::{Deserialize, Serialize};
 const MOST_SECONDS: f64 = 86_400.0;
 /// Where vehicles enter, no lane may be closed for so many metres.
 const ENTRY_M: f64 = 100.0;
-/// Most vehicles that start, and most lanes.
-const MOST: [usize; 2] = [100_000, 64];
+/// Most vehicles that start, and most lanes: those of a recording.
+const MOST: [usize; 2] = [100_000, MAX_LINES - 1];
+/// Longest road, m: what is simulated is a recording, whose vehicles may go a little beyond the end.
+const MOST_M: f64 = MAX_POSITION as f64 - 1_000.0;
+/// Most seeds, detectors, closures, kinds of drivers and the like.
+const MOST_ENTRIES: usize = 1000;
+/// Length of a standing vehicle with its gap, m.
+const JAM_M: f64 = 6.0;
 
 /// A scene: everything that a simulation needs. Lanes count from the right, 0 the rightmost.
 ///
@@ -276,10 +283,22 @@ impl Scene {
         let whole = steps >= 0.999 && (steps - steps.round()).abs() < 1e-6;
         require(whole, "record_hz", self.record_hz, "1 / (n step_s) for a whole number n of steps")?;
         require(!self.seeds.is_empty(), "seeds", "empty", "one number or more")?;
+        let lists = [
+            ("seeds", self.seeds.len()),
+            ("detectors_m", self.detectors_m.len()),
+            ("road.closures", self.road.closures.len()),
+            ("drivers", self.drivers.len()),
+            ("inflow.flow", self.inflow.as_ref().map_or(0, |inflow| inflow.flow.len())),
+            ("speed_limits", self.speed_limits.len()),
+        ];
+        for (key, entries) in lists {
+            let given = format!("of {entries} entries");
+            require(entries <= MOST_ENTRIES, key, given, &format!("of at most {MOST_ENTRIES}"))?;
+        }
         let road = &self.road;
         within("road.lanes", road.lanes as f64, 1.0, MOST[1] as f64)?;
         within("road.lane_width_m", road.lane_width_m, 2.0, 10.0)?;
-        within("road.length_m", road.length_m, 20.0, 1e6)?;
+        within("road.length_m", road.length_m, 20.0, MOST_M)?;
         let frames = self.duration_s * self.record_hz;
         require(frames >= 2.0, "duration_s", self.duration_s, "two recorded frames or more")?;
         for (number, closure) in road.closures.iter().enumerate() {
@@ -336,6 +355,21 @@ impl Scene {
         Ok(())
     }
 
+    /// About how many rows a simulation will record: vehicles that are on the road at a time, by recorded frames.
+    /// No more vehicles than stand there bumper to bumper.
+    #[must_use]
+    pub fn expected_rows(&self) -> f64 {
+        let road = &self.road;
+        let there = self.start.map_or(0., |start| start.vehicles as f64);
+        let slowest = self.drivers.iter().map(|kind| kind.desired_speed_mps.mean).fold(f64::INFINITY, f64::min);
+        // In dense traffic they drive half as fast as they wish to.
+        let through_s = road.length_m / (0.5 * slowest).max(1.);
+        let most = self.inflow.iter().flat_map(|inflow| &inflow.flow).map(|[_, flow]| *flow).fold(0., f64::max);
+        let entering = road.lanes as f64 * most / 3600. * through_s;
+        let room = road.lanes as f64 * road.length_m / JAM_M;
+        (there + entering).min(room) * self.duration_s * self.record_hz
+    }
+
     fn check_drivers(&self, drivers: &DriverSpec) -> Result<(), SimulationError> {
         let key = |part: &str| format!("drivers.{} ({})", part, drivers.name);
         let within = |part: &str, value: f64, least: f64, most: f64| {
@@ -349,6 +383,8 @@ impl Scene {
         within("desired_speed_mps.mean", drivers.desired_speed_mps.mean, 0.1, 70.0)?;
         within("desired_speed_mps.sd", drivers.desired_speed_mps.sd, 0.0, 30.0)?;
         PairRule::<f64>::check(&drivers.rule)?;
+        drivers.noise.as_ref().map_or(Ok(()), Noise::check)?;
+        drivers.lane_change.as_ref().map_or(Ok(()), Mobil::check)?;
         for lane in drivers.lanes.iter().flatten() {
             within("lanes", *lane as f64, 0.0, (self.road.lanes - 1) as f64)?;
         }

@@ -39,6 +39,8 @@ fn what_cannot_be_is_refused_with_its_key() {
     for (from, to, said) in [
         ("duration_s = 240", "duration_s = -1", "`duration_s` is -1"),
         ("lanes = 2", "lanes = 0", "`road.lanes` is 0"),
+        ("lanes = 2", "lanes = 17", "`road.lanes` is 17"),
+        ("length_m = 1000", "length_m = 200000", "`road.length_m` is 200000"),
         (flow, "flow = [[0, 1200], [0, 600]]", "`inflow.flow` is not in the order of time"),
         (flow, "flow = [[0, 1e9]]", "`inflow.flow` is 1000000000"),
         ("length_m = 1000", "length_m = 1000\nring = true", "absent on a ring"),
@@ -63,6 +65,17 @@ fn what_cannot_be_is_refused_with_its_key() {
     }
     let nobody = SECTION.replace(&format!("[inflow]\n{flow}\n"), "");
     assert!(Scene::parse(&nobody).unwrap_err().to_string().contains("nobody ever drives"));
+}
+
+/// Not only when the first such driver enters.
+#[test]
+fn every_number_of_a_driver_is_checked_when_the_scene_is_read() {
+    for (from, to, said) in
+        [("keep_right = 0.2", "keep_right = nan", "keep_right"), ("sigma = 0.1", "sigma = nan", "sigma")]
+    {
+        let error = Scene::parse(&SECTION.replacen(from, to, 1)).expect_err(to).to_string();
+        assert!(error.contains(said), "{to}: {error}");
+    }
 }
 
 #[test]

@@ -6,6 +6,7 @@
 use gnp_data::WindowShape;
 use gnp_eval::Protocol;
 use gnp_goal::{GoalConfig, GoalShape};
+use gnp_simulation::Scene;
 
 use crate::config::RunConfig;
 use crate::data::{IngestSummary, RecordingReport};
@@ -13,6 +14,7 @@ use crate::error::{Result, bail};
 use crate::machine::Machine;
 use crate::memory;
 use crate::run::Run;
+use crate::run::folder::Stage;
 
 /// Bytes of a number of the networks.
 const F32: f64 = 4.;
@@ -20,6 +22,8 @@ const F32: f64 = 4.;
 const PROGRAM: f64 = 40e6;
 /// A row of a recording in columns, with its place among the rows of its frame, bytes.
 const ROW: f64 = 72.;
+/// A row of a simulated recording, with what is measured of it, bytes.
+const SIMULATED_ROW: f64 = 200.;
 /// A window's name, in the split and in its file, bytes.
 const WINDOW: f64 = 300.;
 /// Most vehicles that the goal network sees.
@@ -60,29 +64,50 @@ struct Counts {
 /// [`Error::Unavailable`](crate::Error::Unavailable) with the largest parts, what there is, and the keys to lower.
 pub(crate) fn check_before(config: &RunConfig, machine: &Machine) -> Result<()> {
     config.check()?;
-    compare(config, None, allowed(machine))
+    compare(config, None, Stage::Ingest, allowed(machine))
 }
 
-/// The same of a run that is about to do a stage: its recordings are counted.
+/// The same of a run that is about to do a stage and those after it: its recordings are counted.
 ///
 /// # Errors
 /// As [`check_before`]; when the run does not say what was read.
-pub(crate) fn check_stage(run: &Run) -> Result<()> {
-    check_with(&run.config, &run.folder.read_json("ingest.json")?, &run.machine)
+pub(crate) fn check_from(stage: Stage, run: &Run) -> Result<()> {
+    check_with(stage, &run.config, &run.folder.read_json("ingest.json")?, &run.machine)
 }
 
 /// The same with recordings that were read.
 ///
 /// # Errors
 /// As [`check_before`].
-pub(crate) fn check_with(config: &RunConfig, ingested: &IngestSummary, machine: &Machine) -> Result<()> {
+pub(crate) fn check_with(stage: Stage, config: &RunConfig, ingested: &IngestSummary, machine: &Machine) -> Result<()> {
     let sum = |of: fn(&RecordingReport) -> f64| ingested.recordings.iter().map(of).sum();
     let counts = Counts {
         rows: sum(|report| report.quality.rows_read as f64),
         windows: sum(|report| report.windows.windows as f64),
         vehicles: sum(|report| report.windows.vehicles as f64),
     };
-    compare(config, Some(counts), allowed(machine))
+    compare(config, Some(counts), stage, allowed(machine))
+}
+
+/// Refuses a scene whose recording does not fit into memory.
+///
+/// # Errors
+/// [`Error::Unavailable`](crate::Error::Unavailable) with what it needs, what there is, and the keys to lower.
+pub(crate) fn check_scene(scene: &Scene) -> Result<()> {
+    refuse_scene(scene, memory::allowed())
+}
+
+fn refuse_scene(scene: &Scene, allowed: Option<u64>) -> Result<()> {
+    let (rows, needed) = (scene.expected_rows(), PROGRAM + scene.expected_rows() * SIMULATED_ROW);
+    let Some(allowed) = allowed.map(|bytes| bytes as f64).filter(|allowed| needed > *allowed) else { return Ok(()) };
+    bail!(
+        Unavailable,
+        "{}: about {rows:.0} recorded rows need {:.1} GB of memory, and there are {:.1} GB; lower duration_s, record_hz, \
+         road.length_m or the number of vehicles",
+        scene.name,
+        needed / 1e9,
+        allowed / 1e9
+    )
 }
 
 /// What there is, where the networks run in this memory.
@@ -90,9 +115,10 @@ fn allowed(machine: &Machine) -> Option<u64> {
     memory::allowed().filter(|_| machine.device.is_cpu())
 }
 
-fn compare(config: &RunConfig, counts: Option<Counts>, allowed: Option<u64>) -> Result<()> {
+/// Compares what the stages from `first` on need with what there is.
+fn compare(config: &RunConfig, counts: Option<Counts>, first: Stage, allowed: Option<u64>) -> Result<()> {
     let Some(allowed) = allowed else { return Ok(()) };
-    let (stage, mut parts) = largest(config, counts)?;
+    let (stage, mut parts) = largest(config, counts, first)?;
     let needed = total(&parts);
     if needed <= allowed as f64 {
         return Ok(());
@@ -118,18 +144,20 @@ fn total(parts: &[Part]) -> f64 {
     parts.iter().map(|part| part.bytes).sum()
 }
 
-/// The stage that needs most, with its parts.
-fn largest(config: &RunConfig, counts: Option<Counts>) -> Result<(&'static str, Vec<Part>)> {
+/// The stage from `first` on that needs most, with its parts.
+fn largest(config: &RunConfig, counts: Option<Counts>, first: Stage) -> Result<(&'static str, Vec<Part>)> {
     let shape = config.windows.shape_for(config.data.rate_hz)?;
     let stages = [
-        ("modes", modes(config, shape, counts)),
-        ("the training of the goal network", goal(config, shape, counts)),
-        ("the training of the social force", force(config, shape, counts)),
-        ("the evaluation", evaluation(config, shape, counts)),
+        (Stage::Modes, "the search for modes", modes(config, shape, counts)),
+        (Stage::Goal, "the training of the goal network", goal(config, shape, counts)),
+        // Of two that need as much the later one stands for both.
+        (Stage::Repulsion, "the training of the social force", force(config, shape, counts)),
+        (Stage::Evaluate, "the evaluation", evaluation(config, shape, counts)),
     ];
     let shared = shared(config, shape, counts);
-    let largest = stages.into_iter().max_by(|a, b| total(&a.1).total_cmp(&total(&b.1)));
-    let (stage, parts) = largest.unwrap_or(("a run", Vec::new()));
+    let to_come = stages.into_iter().filter(|(stage, ..)| *stage >= first).map(|(_, name, parts)| (name, parts));
+    let largest = to_come.max_by(|a, b| total(&a.1).total_cmp(&total(&b.1)));
+    let (stage, parts) = largest.unwrap_or(("the report", Vec::new()));
     Ok((stage, shared.into_iter().chain(parts).collect()))
 }
 
@@ -280,7 +308,7 @@ mod tests {
             (&["goal.batch=65536", "modes.modes=10000"], "modes.modes"),
             (&["evaluate.batch=65536", "modes.modes=10000"], "modes.modes"),
         ] {
-            let error = compare(&config("ngsim", set), None, Some(16_000_000_000)).unwrap_err();
+            let error = compare(&config("ngsim", set), None, Stage::Ingest, Some(16_000_000_000)).unwrap_err();
             assert!(matches!(error, crate::Error::Unavailable(_)), "{error}");
             let message = error.to_string();
             assert!(message.contains(key) && message.contains("there are 16.0 GB"), "{message}");
@@ -290,7 +318,7 @@ mod tests {
     #[test]
     fn what_comes_with_the_project_fits_a_small_computer() {
         for name in ["smoke", "ngsim", "highd", "paper/ngsim", "paper/highd"] {
-            let fits = compare(&config(name, &[]), None, Some(4_000_000_000));
+            let fits = compare(&config(name, &[]), None, Stage::Ingest, Some(4_000_000_000));
             assert!(fits.is_ok(), "{name}: {}", fits.unwrap_err());
         }
     }
@@ -298,9 +326,30 @@ mod tests {
     #[test]
     fn recordings_count_and_an_unknown_size_of_memory_refuses_nothing() {
         let counts = Counts { rows: 1e9, windows: 1e7, vehicles: 1e5 };
-        let message = compare(&config("smoke", &[]), Some(counts), Some(16_000_000_000)).unwrap_err().to_string();
+        let compared = |allowed| compare(&config("smoke", &[]), Some(counts), Stage::Modes, allowed);
+        let message = compared(Some(16_000_000_000)).unwrap_err().to_string();
         assert!(message.contains("recordings (data.max_recordings)"), "{message}");
-        assert!(compare(&config("smoke", &[]), Some(counts), None).is_ok());
+        assert!(compared(None).is_ok());
+    }
+
+    #[test]
+    fn a_stage_that_is_done_is_asked_for_no_memory() {
+        let wide = config("smoke", &["goal.width=2048", "goal.layers=8"]);
+        let from = |stage| compare(&wide, None, stage, Some(8_000_000_000));
+        assert!(from(Stage::Goal).is_err() && from(Stage::Attraction).is_ok() && from(Stage::Report).is_ok());
+    }
+
+    #[test]
+    fn a_scene_that_nobody_could_keep_is_refused_and_those_that_come_with_the_project_are_not() {
+        for (name, text) in Scene::EMBEDDED {
+            let scene = Scene::parse(text).unwrap();
+            assert!(refuse_scene(&scene, Some(1_000_000_000)).is_ok(), "{name}: {} rows", scene.expected_rows());
+            let long = Scene { duration_s: 86_400., record_hz: 100., step_s: 0.01, ..scene };
+            let long = Scene { road: gnp_simulation::RoadSpec { length_m: 1e6, ..long.road.clone() }, ..long };
+            let wide = long.start.map(|start| gnp_simulation::StartSpec { vehicles: 100_000, ..start });
+            let message = refuse_scene(&Scene { start: wide, ..long }, Some(64_000_000_000)).unwrap_err().to_string();
+            assert!(message.contains("duration_s") && message.contains("there are 64.0 GB"), "{message}");
+        }
     }
 
     /// Peaks measured on one thread, by the stage that needs most: resident bytes as the system counts them.
@@ -325,6 +374,7 @@ mod tests {
             let shape = config.windows.shape_for(config.data.rate_hz).unwrap();
             let parts = one.install(|| stage(&config, shape, counts));
             let ratio = (total(&shared(&config, shape, counts)) + total(&parts)) / measured;
+            eprintln!("TMP {name} {set:?} {:.0} of {:.0}: {ratio:.2}", ratio * measured / 1e6, measured / 1e6);
             assert!((0.5..2.).contains(&ratio), "{name} {set:?}: {ratio:.2} times what was measured");
         }
     }

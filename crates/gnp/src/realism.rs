@@ -107,11 +107,6 @@ pub fn realism_text(table: &Table) -> String {
         let horizons = first.horizons.iter().map(|it| format!("{:>7}", format!("{:.0} s", it.horizon_s)));
         let horizons: String = horizons.collect();
         let titles = format!("{horizons}{:>9}{:>9}", "realism", "contacts");
-        let room = COLUMNS.saturating_sub(titles.chars().count());
-        let line = |name: &str, numbers: &str| match name.chars().count() {
-            fits if fits <= room => format!("{name:<room$}{numbers}"),
-            _ => format!("{name}\n{:room$}{numbers}", ""),
-        };
         let _ = writeln!(text, "{}", line("mean displacement, m, over the first", &titles));
         for row in rows {
             let name = format!("{}{}", row.system, if row.uses_future { " *" } else { "" });
@@ -125,6 +120,16 @@ pub fn realism_text(table: &Table) -> String {
         "\nContacts: of driven vehicles, a vehicle-hour.\n* uses what the vehicles did after the start: no forecast\n",
     );
     text
+}
+
+/// A line of the table; a name that is too long for it stands above.
+fn line(name: &str, numbers: &str) -> String {
+    let room = COLUMNS.saturating_sub(numbers.chars().count());
+    if name.chars().count() <= room {
+        format!("{name:<room$}{numbers}")
+    } else {
+        format!("{name}\n{:room$}{numbers}", "")
+    }
 }
 
 /// The rows of a site.
@@ -186,4 +191,21 @@ fn of_site(
     systems.extend(learned.iter().map(|learned| learned as &dyn ClosedLoop));
     let replays: Vec<Replay> = replays.into_iter().filter(|replay| replay.scene().frames as f64 >= rate).collect();
     compare(&replays, &systems, &plan.settings).map_err(|error: SimulationError| error.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_stand_below_each_other_at_the_end_of_eighty_columns() {
+        let numbers = "   0.41   1.62    0.71     0.00";
+        for (name, lines) in [("drivers", 1), ("drivers of the intelligent driver model, fitted to other vehicles", 2)]
+        {
+            let text = line(name, numbers);
+            assert_eq!(text.lines().count(), lines, "{text}");
+            let last = text.lines().last().unwrap();
+            assert!(last.chars().count() == COLUMNS && last.ends_with(numbers), "{text}");
+        }
+    }
 }

@@ -220,7 +220,7 @@ impl Run {
         }
         let name = stage.name();
         self.folder.require(stage)?;
-        needs::check_stage(self)?;
+        needs::check_from(stage, self)?;
         let started = Instant::now();
         let root = self.folder.root().to_owned();
         let done = match stage {

@@ -50,7 +50,7 @@ mod tests {
         let text = format!("short   line\n  name     {}", "word ".repeat(50));
         let broken = fitted(&text);
         let lines: Vec<&str> = broken.lines().collect();
-        assert!(lines.len() == 4 && lines.iter().all(|line| line.chars().count() <= COLUMNS), "{broken}");
+        assert!(lines.len() == 5 && lines.iter().all(|line| line.chars().count() <= COLUMNS), "{broken}");
         assert_eq!(lines[0], "short   line");
         assert!(lines[1].starts_with("  name     word") && lines[2].starts_with("    word"), "{broken}");
         assert_eq!(broken.split_whitespace().count(), 53);

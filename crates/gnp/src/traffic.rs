@@ -22,6 +22,7 @@ use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::inside::inside;
 use crate::machine::Machine;
+use crate::needs;
 use crate::run::folder::{write, write_json};
 
 /// Time steps of a cell are at least this, s, and cells at least this long, m: smaller ones hold single vehicles.
@@ -76,6 +77,7 @@ pub fn scene(of: &str) -> Result<Scene> {
 /// When the scene is refused, the folder cannot be written, or the work is stopped; what is finished by then stays.
 pub fn simulate(simulation: &Simulation, machine: &Machine) -> Result<Vec<Measured>> {
     let Simulation { scene, out, .. } = simulation;
+    needs::check_scene(scene)?;
     let seeds = if simulation.seeds.is_empty() { &scene.seeds } else { &simulation.seeds };
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let driven = Scene { seeds: seeds.clone(), ..scene.clone() };

@@ -12,8 +12,8 @@ use crate::workspace::{self, Package};
 /// Features that hand a device on; they need what most machines lack and are left out.
 const DEVICES: [&str; 4] = ["cuda", "cudnn", "metal", "mkl"];
 
-/// Features that compile too much for a short check.
-const LONG: [&str; 1] = ["rerun"];
+/// Features that compile too much, or in another language, for a short check.
+const LONG: [&str; 2] = ["coverage", "rerun"];
 
 /// How much is checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -28,14 +28,14 @@ pub struct CompareArgs {
     pub(crate) recipes: Option<PathBuf>,
     /// Seeds that everything learned is trained with, from that of the configuration on [default: 1]; a row is the mean
     /// over them, and intervals draw them. GNP as published is trained with the first alone.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub(crate) seeds: Option<u16>,
     /// Also train GNP as published on the same windows: as this configuration says [default: paper/NAME].
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     #[expect(clippy::option_option, reason = "absent, given, given with a file")]
     pub(crate) published: Option<Option<PathBuf>>,
     /// Trainings at a time, each on one thread [default: as many as there are threads]; results do not depend on it.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) workers: Option<u16>,
     /// Prepare the folder, print its jobs and how far each is, and end there. A folder that is prepared is listed.
     #[arg(long, group = "step", conflicts_with = "workers")]

@@ -6,7 +6,7 @@ use clap::Args;
 use gnp_data::Dataset;
 
 use super::MachineArgs;
-use crate::names::dataset;
+use crate::names::{dataset, seconds};
 
 /// What to simulate.
 #[derive(Clone, Debug, Args)]
@@ -36,10 +36,10 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "NAME", requires = "dataset", conflicts_with = "scene")]
     pub(crate) recording: Option<String>,
     /// When to start, s after the first frame that has 3 s of past.
-    #[arg(long, value_name = "SECONDS", default_value_t = 0., requires = "dataset", conflicts_with = "scene")]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0., value_parser = seconds, requires = "dataset", conflicts_with = "scene")]
     pub(crate) at: f64,
     /// How long to drive at most, s; no longer than is recorded.
-    #[arg(long, value_name = "SECONDS", default_value_t = 30., requires = "dataset", conflicts_with = "scene")]
+    #[arg(long, value_name = "SECONDS", default_value_t = 30., value_parser = seconds, requires = "dataset", conflicts_with = "scene")]
     pub(crate) seconds: f64,
     /// Draw drivers fitted to the other vehicles of the site, those more often who explain the 3 s before the start
     /// [default: standard drivers of the intelligent driver model].
@@ -70,7 +70,7 @@ pub struct RealismArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) sumo: Option<PathBuf>,
     /// Roll-outs of a scene by a system that draws.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub(crate) roll_outs: u16,
     /// Folder to write [default: runs/realism-NAME].
     #[arg(long, value_name = "DIR")]

@@ -274,7 +274,7 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
     let tables = Tables { tracks, tracks_meta, recording_meta };
     let stated = meta::recording(recording_meta)?;
     check_rate(&recording_meta.file, &source.name, stated.rate_hz, rate_hz)?;
-    let (listed, repeated) = meta::vehicles(tracks_meta)?;
+    let (listed, notes) = meta::vehicles(tracks_meta)?;
     let mut findings = Findings::default();
     let all = tracks::read(tracks, tracks_meta, &listed)?;
     let rows = all.vehicle.len();
@@ -288,9 +288,7 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
     let (recording, mut quality, names) = Recording::with_names(meta, stated.roads.clone(), rows, |row| bodies[row])?;
     checks::neighbours(tracks, &names, |row| picked.get(row).map_or(row, |row| *row as usize))?;
     quality.notes = checks::counts(&tables, &stated, &listed, quality.frames)?;
-    if repeated > 0 {
-        quality.notes.push(format!("{repeated} rows of tracksMeta repeat one before"));
-    }
+    quality.notes.extend(stated.notes.into_iter().chain(notes));
     quality.notes.extend(source.notes.iter().cloned());
     findings.report(&mut quality, rows_left_out);
     Ok(vec![(recording, quality)])

@@ -20,6 +20,9 @@ const BACKWARDS: f32 = -5.;
 const SPEED_TOLERANCE: (f32, f32) = (1., 0.1);
 const NOISY_SPEED_TOLERANCE: (f32, f32) = (2., 0.2);
 
+/// A row's velocity may differ by this much, m/s: in highD's layout it does by 0.2.
+const ROW_TOLERANCE: f32 = 3.;
+
 /// Lateral speed from which on its sign and size are compared, m/s, and what they may differ by.
 const LATERAL: f32 = 0.3;
 const LATERAL_TOLERANCE: (f32, f32) = (0.2, 0.5);
@@ -59,6 +62,17 @@ impl Motion<'_> {
         }
         let enough = lateral as f64 >= LATERAL_TIME * self.rate_hz;
         exceeds(&mut off, &mut speeds, SPEED_TOLERANCE) || (enough && wrong * 2 > lateral)
+    }
+
+    /// How many of its rows state another velocity, m/s, than that of their positions, and the first.
+    pub(super) fn other_rows(&self, rows: Range<usize>, stated: impl Fn(usize) -> [f32; 2]) -> (usize, Option<usize>) {
+        let off = |(i, [dx, dy]): &(usize, [f32; 2])| {
+            let [vx, vy] = stated(*i);
+            (vx - dx).hypot(vy - dy) > ROW_TOLERANCE
+        };
+        let mut other = self.slopes(rows).filter(off).map(|(i, _)| i);
+        let first = other.next();
+        (usize::from(first.is_some()) + other.count(), first)
     }
 
     /// Whether the speed that its rows state, m/s, is another than that of its noisy positions.

@@ -201,7 +201,11 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
         return Err(DataError::NoRecordings {
             folder: file.into(),
             expected: "rows of us-101 or i-80".into(),
-            seen: format!("only {}", skipped.keys().cloned().collect::<Vec<_>>().join(", ")),
+            // Any text may stand in the column.
+            seen: format!(
+                "only {}",
+                skipped.keys().take(10).map(|site| site.chars().take(40).collect()).collect::<Vec<String>>().join(", ")
+            ),
         });
     }
     let several = groups.len() > 1;
@@ -214,8 +218,7 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
         let (recording, mut quality) = build(&table, &raw, group, name, source, rate_hz, merged)?;
         quality.skipped_rows = std::mem::take(&mut skipped);
         quality.notes.extend(source.notes.iter().cloned());
-        let unread = raw.unread.iter();
-        quality.notes.extend(unread.map(|wrong| format!("vehicles ahead are not taken from the file: {wrong}")));
+        quality.notes.extend(raw.unread.iter().cloned());
         recordings.push((recording, quality));
     }
     // Of the whole file, as rows of sites that are left out are.

@@ -26,6 +26,12 @@ const MAX_WORDS: usize = 256;
 /// Most rows of a table; rows are numbered in 32 bits.
 const MAX_ROWS: usize = u32::MAX as usize - 1;
 
+/// Columns that a message lists, and characters of each.
+const LISTED: usize = 30;
+
+/// Latest time, ms, before or after 1970: some 30,000 years; differences of such times are far from overflow.
+const MAX_TIME: f64 = 1e15;
+
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -87,13 +93,20 @@ impl Table {
         }
     }
 
+    /// The columns for a message; a file that is no table may have any number of them, of any length.
+    fn listed(&self) -> String {
+        let cut = |name: &String| name.chars().take(LISTED).collect();
+        let listed = self.columns.iter().take(LISTED).map(cut).collect::<Vec<String>>().join(", ");
+        match self.columns.len().checked_sub(LISTED + 1) {
+            Some(more) => format!("{listed} and {} more", more + 1),
+            None => listed,
+        }
+    }
+
     /// A column that must be there.
     pub(super) fn want(&self, name: &str, kind: Kind) -> Result<Wanted, DataError> {
-        let missing = || DataError::MissingColumn {
-            file: self.file.clone(),
-            column: name.to_owned(),
-            found: self.columns.join(", "),
-        };
+        let missing =
+            || DataError::MissingColumn { file: self.file.clone(), column: name.to_owned(), found: self.listed() };
         self.find(&[name], kind)?.ok_or_else(missing)
     }
 
@@ -287,7 +300,9 @@ fn columns(frame: &DataFrame, wanted: &[Wanted]) -> Option<Vec<Values>> {
                 Values::Whole(join(series.i32().ok()?.downcast_iter().map(|part| part.values().as_slice())))
             }
             (Kind::Time, DataType::Int64) => {
-                Values::Time(join(series.i64().ok()?.downcast_iter().map(|part| part.values().as_slice())))
+                let times: Vec<i64> = join(series.i64().ok()?.downcast_iter().map(|part| part.values().as_slice()));
+                let known = times.iter().fold(true, |known, time| known & (time.unsigned_abs() <= MAX_TIME as u64));
+                known.then_some(Values::Time(times))?
             }
             (Kind::Whole, _) => Values::Whole(
                 series
@@ -298,7 +313,7 @@ fn columns(frame: &DataFrame, wanted: &[Wanted]) -> Option<Vec<Values>> {
                     .collect::<Option<_>>()?,
             ),
             (Kind::Time, _) => {
-                Values::Time(series.f64().ok()?.into_no_null_iter().map(|v| whole(v, 1e15)).collect::<Option<_>>()?)
+                Values::Time(series.f64().ok()?.into_no_null_iter().map(|v| whole(v, MAX_TIME)).collect::<Option<_>>()?)
             }
             (Kind::Real, _) => {
                 let values: Vec<f32> = join(series.f32().ok()?.downcast_iter().map(|part| part.values().as_slice()));

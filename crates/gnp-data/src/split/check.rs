@@ -10,7 +10,7 @@ use crate::window::WindowId;
 use crate::windows::WindowSet;
 
 impl Split {
-    /// Checks, at all sites but those of kind `window`, that no recorded frame of a target vehicle
+    /// Checks that no window stands in two parts; at all sites but those of kind `window`, that no recorded frame of a target vehicle
     /// stands in two parts, that under `vehicle` all stretches of a vehicle are in one part, and
     /// under `recording` all windows of a recording and of those that overlap it, and under both all windows of a driver.
     ///
@@ -20,6 +20,7 @@ impl Split {
     /// two recordings who does,
     /// [`DataError::ForeignSplit`] when `set` does not hold the windows.
     pub fn check(&self, set: &WindowSet<'_>) -> Result<(), DataError> {
+        self.check_windows(set)?;
         let mut whole: BTreeMap<(u32, Option<u32>), Subset> = BTreeMap::new();
         let mut spans: BTreeMap<(u32, u32), Vec<Span>> = BTreeMap::new();
         for part in Subset::ALL {
@@ -65,6 +66,15 @@ impl Split {
             }
         }
         self.check_drivers(set)
+    }
+
+    fn check_windows(&self, set: &WindowSet<'_>) -> Result<(), DataError> {
+        let mut ids: Vec<WindowId> = Subset::ALL.iter().flat_map(|part| self.subset(*part)).copied().collect();
+        ids.sort_unstable();
+        let Some(twice) = ids.windows(2).find(|pair| pair[0] == pair[1]) else { return Ok(()) };
+        let recording = set.recording(twice[0]).ok_or(DataError::ForeignSplit)?;
+        let (frame, _) = frames_of(set, twice[0]).ok_or(DataError::ForeignSplit)?;
+        Err(shared(recording, recording.tracks()[twice[0].track as usize].vehicle, frame))
     }
 
     fn check_drivers(&self, set: &WindowSet<'_>) -> Result<(), DataError> {

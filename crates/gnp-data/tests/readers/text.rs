@@ -49,7 +49,7 @@ fn a_value_that_only_looks_like_a_number_has_its_line_and_column() {
 #[test]
 fn bytes_that_are_no_text_have_their_line() {
     let error = read(&with(6, |_| "12\0".to_owned())).unwrap_err().to_string();
-    assert!(error.contains("NUL"), "at the head: {error}");
+    assert!(error.contains("line 17") && error.contains("NUL"), "{error}");
     // Behind the first bytes that a file is told by.
     let long = csv(&rows(&[(1, 1, 0.), (2, 2, 300.)], 0..900));
     let error = read(&format!("{long}1,2\0\n")).unwrap_err().to_string();

@@ -7,6 +7,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use gnp_data::{Contribution, Explanation, Forecast, Mode, TermForces, WindowKey};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::RowGroupMetaData;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 
 use crate::error::{EvalError, PredictionProblem};
@@ -82,12 +84,12 @@ pub fn read_predictions(path: &Path, detail: Detail) -> Result<Predictions, Eval
 
 /// Why reading failed, before the file's name is known.
 enum Failure {
-    Parquet(parquet::errors::ParquetError),
+    Parquet(ParquetError),
     Problem(PredictionProblem),
 }
 
-impl From<parquet::errors::ParquetError> for Failure {
-    fn from(source: parquet::errors::ParquetError) -> Self {
+impl From<ParquetError> for Failure {
+    fn from(source: ParquetError) -> Self {
         Self::Parquet(source)
     }
 }
@@ -110,10 +112,25 @@ fn read(file: File, detail: Detail) -> Result<(Provenance, Vec<Prediction>), Fai
     let sorted = provenance.get(MODE_ORDER).is_none_or(|order| order != PREDICTION_FIRST);
     let mut content = Content { by_probability: sorted, ..Content::default() };
     for group in 0..reader.num_row_groups() {
+        check_places(reader.metadata().row_group(group))?;
         let rows = columns.read(reader.get_row_group(group)?.as_ref(), content.rows.len() as u64)?;
         content.add(rows)?;
     }
     Ok((provenance, content.predictions(&columns.explained)?))
+}
+
+/// Refuses a group whose columns begin before the file or have a negative length: parquet panics at one.
+fn check_places(group: &RowGroupMetaData) -> Result<(), ParquetError> {
+    let bad = group.columns().iter().find(|column| {
+        let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
+        start < 0 || column.compressed_size() < 0
+    });
+    match bad {
+        Some(column) => {
+            Err(ParquetError::General(format!("column {} has no place in the file", column.column_path().string())))
+        }
+        None => Ok(()),
+    }
 }
 
 /// All rows of a file.
@@ -144,7 +161,7 @@ impl Content {
                 mode: group.whole(i, "mode", i64::MIN..i64::MAX)?,
                 step: group.whole(i, "step", 1..MAX_STEPS)? as u32,
                 segment: group.segment(i)?,
-                probability: group.number(i, "probability")?,
+                probability: group.probability(i)?,
                 at: [group.position(i, "x")?, group.position(i, "y")?],
                 origin: group.origin(i),
                 explanation,

@@ -56,7 +56,11 @@ impl<T: RealField + Copy> Mobil<T> {
         }
     }
 
-    pub(crate) fn check(&self) -> Result<(), ForceError> {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`ForceError::Value`] for the first that is not finite or out of its range.
+    pub fn check(&self) -> Result<(), ForceError> {
         require_not_negative("lane_change.politeness", self.politeness)?;
         require_not_negative("lane_change.threshold", self.threshold)?;
         crate::error::require(self.keep_right.is_finite(), "lane_change.keep_right", self.keep_right, "finite")?;

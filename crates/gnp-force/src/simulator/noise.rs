@@ -20,7 +20,11 @@ pub struct Noise<T> {
 }
 
 impl<T: RealField + Copy> Noise<T> {
-    pub(crate) fn check(&self) -> Result<(), ForceError> {
+    /// Checks both numbers.
+    ///
+    /// # Errors
+    /// [`ForceError::Value`] for the first that is not finite or out of its range.
+    pub fn check(&self) -> Result<(), ForceError> {
         require_not_negative("noise.sigma", self.sigma)?;
         require_positive("noise.correlation", self.correlation)
     }

@@ -79,7 +79,7 @@ pub fn score_recordings(run: &Run, data: &Path, out: &Path) -> Result<(Scores, P
     let found = source::find(&run.config, Some(data))?;
     run.result(&format!("Data: {}", found.data.description));
     let report = ingest::run(found, &run.config, draft.path(), &run.machine)?;
-    needs::check_with(&run.config, &report, &run.machine)?;
+    needs::check_with(Stage::Evaluate, &run.config, &report, &run.machine)?;
     let recordings = report.load(draft.path(), &run.machine)?;
     let (set, _) = WindowSet::cut(&recordings, &run.config.windows)?;
     let split = Split::all_test(&set);

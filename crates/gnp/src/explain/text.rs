@@ -148,20 +148,14 @@ mod tests {
         let text = explained().text();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "us101-2, vehicle 12, frame 130");
-        assert_eq!(lines[3], "m after                        1 s              3 s              5 s");
-        assert_eq!(lines[5], "constant velocity    10.00    0.50    30.00    1.50    50.00    2.50");
-        assert_eq!(
-            lines[6],
-            "leader 34            \u{2212}0.50    0.00    \u{2212}4.50    0.00   \u{2212}12.50    0.00"
-        );
-        assert_eq!(
-            lines[8],
-            "sum of the causes    \u{2212}0.40    0.00    \u{2212}3.60    0.00   \u{2212}10.00    0.00"
-        );
-        assert_eq!(lines[9], "path                  9.60    0.50    26.40    1.50    40.00    2.50");
+        assert_eq!(lines[3], "m after                      1 s            3 s            5 s");
+        assert_eq!(lines[5], "constant velocity   10.00   0.50   30.00   1.50   50.00   2.50");
+        assert_eq!(lines[6], "leader 34           \u{2212}0.50   0.00   \u{2212}4.50   0.00  \u{2212}12.50   0.00");
+        assert_eq!(lines[8], "sum of the causes   \u{2212}0.40   0.00   \u{2212}3.60   0.00  \u{2212}10.00   0.00");
+        assert_eq!(lines[9], "path                 9.60   0.50   26.40   1.50   40.00   2.50");
         assert!(text.contains("\nWith vehicle 34 at 12 m/s:\nIn 5 s vehicle 12 gets 5.0 m less far than"), "{text}");
         assert!(text.contains("With vehicle 34 at 12 m/s, vehicle 12 gets 5.0 m farther in 5 s: leader 34 +5.0 m."));
-        assert!(lines.last().unwrap().starts_with("difference            0.20"), "{text}");
+        assert!(lines.last().unwrap().starts_with("difference           0.20"), "{text}");
     }
 
     #[test]

@@ -126,7 +126,7 @@ impl Damage {
         let Some(worst) = worst else { return String::new() };
         let more = match all.len() - 1 {
             0 => String::new(),
-            more => format!(", nor are {more} more files what they were"),
+            more => format!(" ({more} more damaged)"),
         };
         let (root, words) = (root.display(), worst.words());
         if worst.consequence() == Consequence::Lost {
@@ -165,7 +165,7 @@ mod tests {
         let of = |name: &str, stage| Damage { name: name.to_owned(), stage, problem: "is missing".to_owned() };
         let all = [of("goal.safetensors", Stage::Goal), of("split.json", Stage::Ingest)];
         let text = Damage::refusal(&all, Path::new("runs/a"));
-        assert!(text.starts_with("runs/a: split.json is missing and cannot be made again, nor are 1 more"), "{text}");
+        assert!(text.starts_with("runs/a: split.json is missing and cannot be made again (1 more damaged);"), "{text}");
         let text = Damage::refusal(&all[..1], Path::new("runs/a"));
         assert!(
             text.ends_with("is missing; `gnp pipeline --resume --out runs/a` makes what is damaged again"),

@@ -24,9 +24,6 @@ const OFF_ROAD: f32 = 4.;
 /// rounded positions.
 const OFF_LANE: f32 = 0.5;
 
-/// Sizes in two tables that are nearer than this, m, are the same.
-const SAME_SIZE: f32 = 0.1;
-
 /// A recording may be this much longer than is stated, s.
 const SAME_TIME: f64 = 1.;
 
@@ -57,9 +54,12 @@ const ROAD: Check = Check {
 const OTHER_SIZE: Check = Check {
     column: "width",
     says: "have another size than tracksMeta",
-    then: "the corner is that of the row, the size that of tracksMeta",
+    then: "left out",
     remedy: "take tracks and tracksMeta from one download",
 };
+const ROW_SIZE: Check = Check { then: "that of tracksMeta is taken", ..OTHER_SIZE };
+const ROW_VELOCITY: Check =
+    Check { says: "have a velocity more than 3 m/s off their positions", then: "kept", ..VELOCITY };
 const ROWS_OFF_ROAD: Check =
     Check { says: "are more than 4 m outside the markings of their carriageway", then: "kept", ..ROAD };
 const LANE: Check = Check {
@@ -109,6 +109,8 @@ pub(super) fn vehicles(
         !limits::is_size([body.length, body.width])
     }));
     findings.leave_out(&SIZE, tables.tracks_meta, &odd, all)?;
+    let other = found(&|rows| 2 * rows.clone().filter(|i| tracks.resized[*i]).count() > rows.len());
+    findings.leave_out(&OTHER_SIZE, tables.tracks, &other, all)?;
     let against = in_meta(found(&|rows| motion.is_backwards(rows)));
     findings.leave_out(&DIRECTION, tables.tracks_meta, &against, all)?;
     let [vx, vy] = &tracks.velocity;
@@ -123,19 +125,14 @@ pub(super) fn vehicles(
     let rows_off = Tally::of(rows_off.map(|i| tracks.place(i)));
     findings.count(&ROWS_OFF_ROAD, tables.tracks, rows_off, (tracks.y.len(), "rows"), MAX_LEFT_OUT)?;
 
-    let [lengths, widths] = &tracks.size;
-    let resized = |i: usize| {
-        let body = &tracks.body[i];
-        (lengths[i] - body.length).abs() > SAME_SIZE || (widths[i] - body.width).abs() > SAME_SIZE
-    };
-    let other = found(&|mut rows| rows.any(resized));
-    findings.count(
-        &OTHER_SIZE,
-        tables.tracks,
-        Tally::of(other.into_iter().map(|it| it.1)),
-        (all, "vehicles"),
-        MAX_LEFT_OUT,
-    )?;
+    let kept = |rows: &&Range<usize>| !left_out.contains(&tracks.vehicle[rows.start]);
+    let other = spans.par_iter().filter(kept).map(|rows| motion.other_rows(rows.clone(), |i| [vx[i], vy[i]]));
+    let other = other.map(|(count, first)| Tally { count, first: first.map(|i| tracks.place(i)) });
+    let other = other.reduce(Tally::default, Tally::merge);
+    findings.count(&ROW_VELOCITY, tables.tracks, other, (tracks.y.len(), "rows"), MAX_LEFT_OUT)?;
+    let resized = (0..tracks.y.len()).filter(|i| tracks.resized[*i] && !left_out.contains(&tracks.vehicle[*i]));
+    let resized = Tally::of(resized.map(|i| tracks.place(i)));
+    findings.count(&ROW_SIZE, tables.tracks, resized, (tracks.y.len(), "rows"), MAX_LEFT_OUT)?;
     frames(tables, listed, tracks, &spans, findings)
 }
 
@@ -216,7 +213,7 @@ pub(super) fn lanes(
     let numbers: Vec<Vec<i16>> =
         seen.iter().zip(roads).map(|(lanes, road)| lanes.numbers(road.lines.len().saturating_sub(1))).collect();
     let contradicts = |i: &usize| {
-        let Some((road, lane)) = known(tracks, *i) else { return None };
+        let (road, lane) = known(tracks, *i)?;
         let (number, y) = (tracks.lane[*i], tracks.y[*i]);
         let own = numbers[road].iter().position(|have| *have == number);
         let near = own.is_some_and(|own| {

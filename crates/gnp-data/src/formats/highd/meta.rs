@@ -4,8 +4,8 @@ use gnp_force::MarkingKind;
 
 use crate::assemble::VehicleBody;
 use crate::error::DataError;
-use crate::formats::table::{Kind, Table, Values, Wanted};
-use crate::limits::{MAX_LANE_WIDTH, MAX_LINES, MAX_POSITION, MAX_RATE_HZ};
+use crate::formats::table::{Kind, Table, Values};
+use crate::limits::{self, MAX_LANE_WIDTH, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MIN_RATE_HZ};
 use crate::recording::{LaneMarking, Road, VehicleClass};
 
 /// Columns of `NN_recordingMeta.csv` that need not be there, and what they count.
@@ -21,6 +21,8 @@ pub(super) struct Stated {
     pub(super) roads: Vec<Road>,
     /// Values of [`COUNTS`], where they are there.
     pub(super) counts: [Option<f32>; COUNTS.len()],
+    /// What cannot be compared, a sentence each.
+    pub(super) notes: Vec<String>,
 }
 
 /// A vehicle as `NN_tracksMeta.csv` lists it.
@@ -53,8 +55,8 @@ pub(super) fn recording(table: &Table) -> Result<Stated, DataError> {
         });
     }
     let rate_hz = rates.first().copied().map_or(0., f64::from);
-    if !(rate_hz > 0. && rate_hz <= MAX_RATE_HZ) {
-        let reason = format!("is no frame rate: it must be positive and at most {MAX_RATE_HZ} Hz; repair it");
+    if !limits::is_rate(rate_hz) {
+        let reason = format!("is no frame rate: it must be from {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz; repair it");
         return Err(table.bad_value(0, rate, rate_hz, &reason));
     }
     let mut word = || values.next().map(Values::words).and_then(|words| words.1.into_iter().next()).unwrap_or_default();
@@ -73,13 +75,24 @@ pub(super) fn recording(table: &Table) -> Result<Stated, DataError> {
             remedy: "take the original file: y grows downwards, and the upper markings come first",
         });
     }
-    Ok(Stated { rate_hz, site, roads, counts: COUNTS.map(|name| count(table, name)) })
+    let (mut counts, mut notes) = ([None; COUNTS.len()], Vec::new());
+    for (count, name) in counts.iter_mut().zip(COUNTS) {
+        let values = optional(table, name, Kind::Real, &mut notes)?;
+        *count = values.and_then(|values| values.real().first().copied());
+    }
+    Ok(Stated { rate_hz, site, roads, counts, notes })
 }
 
-/// A number that need not be there, nor be right.
-fn count(table: &Table, name: &str) -> Option<f32> {
-    let column = table.find(&[name], Kind::Real).ok().flatten()?;
-    table.read(&[column]).ok()?.pop()?.real().first().copied()
+/// A column that need not be there, nor be right: then a note says so.
+fn optional(table: &Table, name: &str, kind: Kind, notes: &mut Vec<String>) -> Result<Option<Values>, DataError> {
+    let Some(column) = table.find(&[name], kind)? else { return Ok(None) };
+    match table.read(&[column]) {
+        Ok(mut values) => Ok(values.pop()),
+        Err(wrong) => {
+            notes.push(format!("{name} is not compared: {wrong}"));
+            Ok(None)
+        }
+    }
 }
 
 /// A carriageway from its markings, `a;b;c` in m downwards in the image.
@@ -137,18 +150,21 @@ fn shortened(text: &str) -> String {
     }
 }
 
-/// The vehicles that are listed, by number, and how many rows repeat one.
+/// The vehicles that are listed, by number, and a sentence for each thing that is repeated or cannot be compared.
 ///
 /// # Errors
 /// Those of [`Table::read`]; for a value that cannot be, and for two rows of one vehicle that differ.
-pub(super) fn vehicles(table: &Table) -> Result<(Vec<Listed>, usize), DataError> {
+pub(super) fn vehicles(table: &Table) -> Result<(Vec<Listed>, Vec<String>), DataError> {
     let id = table.want("id", Kind::Whole)?;
     let width = table.want("width", Kind::Real)?;
     let height = table.want("height", Kind::Real)?;
     let class = table.want("class", Kind::Word)?;
     let direction = table.want("drivingDirection", Kind::Whole)?;
     let needed = [id, width, height, class, direction];
-    let frames = frames(table);
+    let (mut frames, mut notes) = ([const { None::<Vec<i32>> }; FRAMES.len()], Vec::new());
+    for (column, name) in frames.iter_mut().zip(FRAMES) {
+        *column = optional(table, name, Kind::Whole, &mut notes)?.map(Values::whole);
+    }
     let mut values = table.read(&needed)?.into_iter();
     let vehicles = table.natural(values.next().map(Values::whole).unwrap_or_default(), id)?;
     let lengths = table.positive(values.next().map(Values::real).unwrap_or_default(), width)?;
@@ -193,11 +209,8 @@ pub(super) fn vehicles(table: &Table) -> Result<(Vec<Listed>, usize), DataError>
         });
     }
     let repeated = rows - listed.len();
-    Ok((listed, repeated))
-}
-
-/// Columns of frames where they are there and can be read.
-fn frames(table: &Table) -> [Option<Vec<i32>>; FRAMES.len()] {
-    let column = |name: &str| -> Option<Wanted> { table.find(&[name], Kind::Whole).ok().flatten() };
-    FRAMES.map(|name| Some(table.read(&[column(name)?]).ok()?.pop()?.whole()))
+    if repeated > 0 {
+        notes.push(format!("{repeated} rows of tracksMeta repeat one before"));
+    }
+    Ok((listed, notes))
 }

@@ -12,6 +12,9 @@ use crate::formats::table::{Kind, Table, Values, Wanted};
 use crate::limits::MAX_RECORDED_SPEED;
 use crate::slot::SLOTS;
 
+/// Sizes in two tables that are nearer than this, m, are of one box.
+const SAME_SIZE: f32 = 0.25;
+
 /// Rows by vehicle and frame.
 pub(super) struct Tracks {
     /// Which rows of the file these are.
@@ -26,8 +29,8 @@ pub(super) struct Tracks {
     pub(super) velocity: [Vec<f32>; 2],
     pub(super) lane: Vec<i16>,
     pub(super) neighbours: [Vec<i32>; SLOTS],
-    /// Length and width as the rows have them, m.
-    pub(super) size: [Vec<f32>; 2],
+    /// Whether a row has another size than is listed.
+    pub(super) resized: Vec<bool>,
     /// Bodies as they are listed.
     pub(super) body: Vec<VehicleBody>,
 }
@@ -68,10 +71,14 @@ pub(super) fn read(table: &Table, meta: &Table, listed: &[Listed]) -> Result<Tra
         return Err(table.frame_order("frame", row, vehicle[row], frame[row], previous));
     }
     let body = bodies_of_rows(table, meta, &vehicle, listed)?;
+    let mut resized = Vec::with_capacity(body.len());
     for (row, body) in body.iter().enumerate() {
+        let [length, width] = [lengths[row], widths[row]];
+        let other = (length - body.length).abs() > SAME_SIZE || (width - body.width).abs() > SAME_SIZE;
+        resized.push(other);
         // The corner becomes the centre before anything is turned.
-        x[row] += lengths[row] / 2.;
-        y[row] += widths[row] / 2.;
+        x[row] += if other { body.length } else { length } / 2.;
+        y[row] += if other { body.width } else { width } / 2.;
         if body.road == 0 {
             x[row] = -x[row];
             vx[row] = -vx[row];
@@ -82,8 +89,7 @@ pub(super) fn read(table: &Table, meta: &Table, listed: &[Listed]) -> Result<Tra
     }
     let order = in_order(&vehicle, &frame, &Picked::All);
     let velocity = [vx, vy];
-    let tracks =
-        Tracks { rows: Picked::All, vehicle, frame, x, y, velocity, lane, neighbours, size: [lengths, widths], body };
+    let tracks = Tracks { rows: Picked::All, vehicle, frame, x, y, velocity, lane, neighbours, resized, body };
     Ok(tracks.picked(order))
 }
 
@@ -144,7 +150,7 @@ impl Tracks {
             velocity: self.velocity.each_ref().map(|column| pick(column, rows)),
             lane: pick(&self.lane, rows),
             neighbours: self.neighbours.each_ref().map(|column| pick(column, rows)),
-            size: self.size.each_ref().map(|column| pick(column, rows)),
+            resized: pick(&self.resized, rows),
             body: pick(&self.body, rows),
         }
     }

@@ -62,7 +62,7 @@ impl Part {
 
     /// The same without the rows of some vehicles.
     fn without(self, raw: &Raw, vehicles: &BTreeSet<u32>) -> Self {
-        if vehicles.is_empty() {
+        if !self.vehicle.iter().any(|vehicle| vehicles.contains(vehicle)) {
             return self;
         }
         let kept = (0..self.vehicle.len()).filter(|i| !vehicles.contains(&self.vehicle[*i]));
@@ -114,10 +114,12 @@ pub(super) fn build(
     checks::feet_of_lengths(table, &all)?;
     let mut findings = Findings::default();
     checks::vehicles(table, raw, &all, rate_hz, &mut findings)?;
-    let mut part = all.without(raw, &findings.left_out());
-    let rows_left_out = rows - part.vehicle.len();
+    let part = all.without(raw, &findings.left_out());
     let fit = lanes::fit_lanes(&part.lane, &part.y);
     checks::feet_of_lanes(table, fit.width)?;
+    checks::off_road(table, &part, &fit.lines, &mut findings)?;
+    let mut part = part.without(raw, &findings.left_out());
+    let rows_left_out = rows - part.vehicle.len();
     checks::lanes(table, &mut part, &fit, &mut findings)?;
     let wrong_speeds = checks::speeds(&part, rate_hz);
 

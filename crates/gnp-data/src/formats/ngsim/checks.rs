@@ -10,7 +10,7 @@ use crate::formats::motion::{Motion, by_vehicle, flagged};
 use crate::formats::table::Table;
 use crate::lanes::{self, LaneFit};
 use crate::limits::{self, MAX_LANE_WIDTH, MAX_RECORDED_SPEED};
-use crate::recording::Recording;
+use crate::recording::{LaneMarking, Recording};
 
 /// Vehicles shorter than this in the median, or lanes narrower, were in metres already.
 const MIN_LENGTH: f32 = 2.5;
@@ -21,6 +21,9 @@ const FAST_FRACTION: f64 = 0.01;
 
 /// A row may be this far from the middle of its lane, m: at a lane change half a lane, and the road bends.
 const OFF_LANE: f32 = 3.;
+
+/// A centre may be this far outside the fitted lines, m: ramps lie there, whose lanes are not fitted.
+const OFF_ROAD: f32 = 20.;
 
 /// Sizes in a table that are nearer than this, m, are the same.
 const SAME_SIZE: f32 = 0.1;
@@ -36,6 +39,12 @@ const BACKWARDS: Check = Check {
     says: "drive backwards",
     then: "left out",
     remedy: "Local_Y grows in the direction of travel; take the original file",
+};
+const ROAD: Check = Check {
+    column: "Local_X",
+    says: "drive more than 20 m outside the lanes",
+    then: "left out",
+    remedy: "Local_X is in feet from the left edge of the road; take the original file",
 };
 const CHANGING: Check = Check {
     column: "v_Length",
@@ -95,6 +104,25 @@ pub(super) fn vehicles(
     });
     // Sections of a recording keep the number of the whole one.
     findings.count(&TOTAL, table, Tally::of(miscounted.into_iter().map(|it| it.1)), (spans.len(), "vehicles"), 1.)
+}
+
+/// Leaves out vehicles that are not on the road between `lines`.
+///
+/// # Errors
+/// When they are too many.
+pub(super) fn off_road(
+    table: &Table,
+    part: &Part,
+    lines: &[LaneMarking],
+    findings: &mut Findings,
+) -> Result<(), DataError> {
+    let ([right, ..], [.., left]) = (lines, lines) else { return Ok(()) };
+    let spans = by_vehicle(&part.vehicle);
+    let road = right.y - OFF_ROAD..=left.y + OFF_ROAD;
+    let away =
+        |rows: std::ops::Range<usize>| 2 * rows.clone().filter(|i| !road.contains(&part.y[*i])).count() > rows.len();
+    let found = flagged(&spans, |i| part.place(i), &part.vehicle, &away);
+    findings.leave_out(&ROAD, table, &found, spans.len())
 }
 
 /// Takes the lanes of rows that are elsewhere as unknown.

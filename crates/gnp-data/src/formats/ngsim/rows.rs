@@ -35,8 +35,8 @@ pub(super) struct Raw {
     pub(super) negative_leaders: usize,
     /// Rows that the file says the row's vehicle has.
     pub(super) total: Option<Vec<i32>>,
-    /// What is wrong with the columns that need not be there, if they cannot be read.
-    pub(super) unread: Option<String>,
+    /// What is not done with columns that need not be there and cannot be read, and why.
+    pub(super) unread: Vec<String>,
 }
 
 /// Reads the columns of a table.
@@ -58,15 +58,27 @@ pub(super) fn read(table: &Table) -> Result<Raw, DataError> {
     ];
     let [vehicle, frame, _, right, front, length, width, class, speed, lane] = columns;
     let location = table.find(&["Location"], Kind::Word)?;
-    let leader = table.find(LEADER[0], Kind::Whole)?.zip(table.find(LEADER[1], Kind::Real)?);
-    let total = table.find(&["Total_Frames"], Kind::Whole)?;
+    let mut leader = table.find(LEADER[0], Kind::Whole)?.zip(table.find(LEADER[1], Kind::Real)?);
+    let mut total = table.find(&["Total_Frames"], Kind::Whole)?;
     let needed: Vec<Wanted> = columns.into_iter().chain(location).collect();
-    let optional = leader.into_iter().flat_map(|(a, b)| [a, b]).chain(total);
-    let wanted: Vec<Wanted> = needed.iter().copied().chain(optional).collect();
-    let (values, unread) = match table.read(&wanted) {
+    let mut unread = Vec::new();
+    let values = loop {
+        let optional = leader.into_iter().flat_map(|(a, b)| [a, b]).chain(total);
+        let wanted: Vec<Wanted> = needed.iter().copied().chain(optional).collect();
+        let wrong = match table.read(&wanted) {
+            Err(wrong) if wanted.len() > needed.len() => wrong,
+            read => break read?,
+        };
         // What need not be there need not be right.
-        Err(wrong) if wanted.len() > needed.len() => (table.read(&needed)?, Some(wrong.to_string())),
-        read => (read?, None),
+        let of_total =
+            |total: Wanted| matches!(&wrong, DataError::Value { column, .. } if *column == table.columns[total.index]);
+        if leader.is_none() || total.is_some_and(of_total) {
+            total = None;
+            unread.push(format!("numbers of rows are not compared: {wrong}"));
+        } else {
+            leader = None;
+            unread.push(format!("vehicles ahead are not taken from the file: {wrong}"));
+        }
     };
     let mut values = values.into_iter();
     let mut next = || values.next();
@@ -108,7 +120,6 @@ pub(super) fn read(table: &Table) -> Result<Raw, DataError> {
     }
     let lanes = table.lane_numbers(whole(next()), lane)?;
     let site = location.and_then(|_| next()).map(Values::words);
-    // Without the columns that need not be there none of these is left.
     let named = leader.and_then(|_| next()).map(Values::whole);
     let negative_leaders = named.iter().flatten().filter(|vehicle| **vehicle < 0).count();
     let leader = named.map(|named| leaders(&named, &next().map(Values::real).unwrap_or_default()));

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::gzip::Block;
 use super::sniff::{Separator, split};
-use super::{Kind, MAX_WORDS, Table, Values, Wanted, whole};
+use super::{Kind, MAX_TIME, MAX_WORDS, Table, Values, Wanted, whole};
 use crate::error::DataError;
 
 /// The block as plain comma-separated lines: no blank lines, one comma for a run of blanks in a
@@ -182,7 +182,9 @@ fn check(value: &str, kind: Kind) -> Result<(), &'static str> {
     }
     match kind {
         Kind::Whole if whole(number, i32::MAX.into()).is_none() => Err("is not a whole number of 32 bits; repair it"),
-        Kind::Time if whole(number, 1e15).is_none() => Err("is not a whole number of ms; repair it"),
+        Kind::Time if whole(number, MAX_TIME).is_none() => {
+            Err("is no time in ms: a whole number below 1e15; repair it")
+        }
         Kind::Real if !(number as f32).is_finite() => Err("is too large; repair it"),
         _ => Ok(()),
     }

@@ -34,7 +34,7 @@ struct Text {
 
 enum Inner {
     Plain(File),
-    Gzip(MultiGzDecoder<BufReader<File>>),
+    Gzip(Box<MultiGzDecoder<BufReader<File>>>),
 }
 
 impl Text {
@@ -45,7 +45,7 @@ impl Text {
         File::open(file).and_then(|plain| plain.take(2).read_to_end(&mut magic)).map_err(io)?;
         let plain = File::open(file).map_err(io)?;
         let inner = if magic == [0x1f, 0x8b] {
-            Inner::Gzip(MultiGzDecoder::new(BufReader::with_capacity(1 << 18, plain)))
+            Inner::Gzip(Box::new(MultiGzDecoder::new(BufReader::with_capacity(1 << 18, plain))))
         } else {
             Inner::Plain(plain)
         };

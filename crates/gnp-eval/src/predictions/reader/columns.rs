@@ -188,6 +188,15 @@ impl GroupRows {
         }
     }
 
+    /// A number from 0 to 1.
+    pub(super) fn probability(&self, i: usize) -> Result<f32, PredictionProblem> {
+        let value = self.number(i, "probability")?;
+        if (0. ..=1.).contains(&value) {
+            return Ok(value);
+        }
+        Err(self.bad(i, "probability", format!("is {value}, not from 0 to 1")))
+    }
+
     /// A position in a window's frame.
     pub(super) fn position(&self, i: usize, column: &'static str) -> Result<f32, PredictionProblem> {
         let value = self.number(i, column)?;
