@@ -60,7 +60,7 @@ Examples:
 
 Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something, 2 wrong use.")]
     Fuzz(FuzzArgs),
-    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, determinism, crashes, tests.
+    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, determinism, crashes, fuzzing, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]
