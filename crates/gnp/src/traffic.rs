@@ -23,6 +23,7 @@ use crate::error::{Context as _, Error, Result, bail};
 use crate::inside::inside;
 use crate::machine::Machine;
 use crate::needs;
+use crate::run::draft::sweep;
 use crate::run::folder::{write, write_json};
 
 /// Time steps of a cell are at least this, s, and cells at least this long, m: smaller ones hold single vehicles.
@@ -80,6 +81,7 @@ pub fn simulate(simulation: &Simulation, machine: &Machine) -> Result<Vec<Measur
     needs::check_scene(scene)?;
     let seeds = if simulation.seeds.is_empty() { &scene.seeds } else { &simulation.seeds };
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    sweep(std::slice::from_ref(out), machine);
     let driven = Scene { seeds: seeds.clone(), ..scene.clone() };
     write(&out.join("scene.toml"), toml::to_string(&driven)?.as_bytes())?;
     let mut all = Vec::new();
@@ -212,6 +214,7 @@ fn measure_one(
     settings.cells.x = settings.cells.x.min(length / CELLS).max(LEAST_CELL[1]);
     let summary = Summary::of(traffic, &settings)?;
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    sweep(&[out.to_owned(), out.join("figures")], machine);
     table(&out.join("detectors.csv"), detector_rows(&summary))?;
     table(&out.join("cells.csv"), cell_rows(&summary))?;
     table(&out.join("conflicts.csv"), event_rows(&summary))?;
