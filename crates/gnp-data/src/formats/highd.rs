@@ -104,8 +104,8 @@ impl Format for HighD {
                 TableSchema::new("Columns read of NN_tracksMeta.csv", &TRACKS_META_READ),
                 TableSchema::new("Columns read of NN_recordingMeta.csv", &RECORDING_META_READ),
             ],
-            "The corner becomes the centre, y is flipped, and carriageway 1 is rotated by pi: its x' = -x, y' = y;\n\
-             carriageway 2 has x' = x, y' = -y. Left stays left, velocities and markings turn with the positions.\n",
+            "The corner becomes the centre, y is flipped, and carriageway 1 is rotated by pi: its x' = -x, y' = y; carriageway 2 \
+             has x' = x, y' = -y. Left stays left, velocities and markings turn with the positions.\n",
         )
     }
 

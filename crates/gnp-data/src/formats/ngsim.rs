@@ -71,14 +71,13 @@ impl Format for Ngsim {
 
     fn schema(&self) -> Schema {
         Schema::new(
-            "NGSIM: one table a period and site, .csv or .txt, plain or .gz, 18 columns separated by commas or\n\
-             blanks, with or without a header; with `Location` as well; or the merged export of 25 columns.\n\
+            "NGSIM: one table a period and site, .csv or .txt, plain or .gz, 18 columns separated by commas or blanks, with or \
+             without a header; with `Location` as well; or the merged export of 25 columns.\n\
              Rate: 10 frames per second, measured from Global_Time.\n",
             vec![TableSchema::new("Columns read", &READ)],
-            "feet become metres; the front centre becomes the centre, half a length back; x = Local_Y,\n\
-             y = -Local_X. The data has no markings: lane lines are fitted midway between the lanes' median\n\
-             positions, with edges 3.66 m beyond the outermost. Neighbours come from Lane_ID and x; Preceding\n\
-             counts where the vehicle it names has no row of its own.\n",
+            "feet become metres; the front centre becomes the centre, half a length back; x = Local_Y, y = -Local_X. The data \
+             has no markings: lane lines are fitted midway between the lanes' median positions, with edges 3.66 m beyond the \
+             outermost. Neighbours come from Lane_ID and x; Preceding counts where the vehicle it names has no row of its own.\n",
         )
     }
 
