@@ -259,7 +259,7 @@ pub enum DataError {
         reason: String,
     },
     /// A file that is not a whole, unchanged recording of this program.
-    #[error("{}: {reason}; delete the file and ingest the recording again", file.display())]
+    #[error("{}: {reason}; copy it back, or ingest the recordings again into a new run", file.display())]
     Cache {
         /// The file.
         file: PathBuf,

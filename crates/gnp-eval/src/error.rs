@@ -160,7 +160,7 @@ pub enum EvalError {
         source: parquet::errors::ParquetError,
     },
     /// A prediction file is not readable Parquet.
-    #[error("{}: Parquet; files are read uncompressed or with snappy", path.display())]
+    #[error("{}: cannot be read as Parquet{}", path.display(), codec(source))]
     Parquet {
         /// The file.
         path: PathBuf,
@@ -176,6 +176,16 @@ pub enum EvalError {
         /// What is wrong.
         problem: PredictionProblem,
     },
+}
+
+/// What to do about a codec that this program does not read.
+fn codec(source: &parquet::errors::ParquetError) -> &'static str {
+    let text = source.to_string();
+    if text.contains("isabled feature") || text.contains("compression") {
+        "; write it uncompressed or with snappy"
+    } else {
+        ""
+    }
 }
 
 /// What is wrong with one forecast.

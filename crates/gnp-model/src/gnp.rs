@@ -79,6 +79,10 @@ impl Gnp {
         let goal = Checkpoint::load(&path)?;
         goal.header.expect(&path, Component::Goal, None)?;
         let force_path = folder.join("repulsion.safetensors");
+        if !force_path.exists() {
+            let problem = "is missing: train it (`gnp train --stage repulsion`), or make a model of less by `Gnp::new`";
+            return Err(ModelError::checkpoint(&force_path, problem));
+        }
         let force = Checkpoint::load(&force_path)?;
         force.header.expect(&force_path, Component::Repulsion, Some(goal.header.shape))?;
         if force.header.split_hash != goal.header.split_hash {

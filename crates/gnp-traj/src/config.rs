@@ -3,6 +3,7 @@
 use gnp_force::Integrator;
 use serde::{Deserialize, Serialize};
 
+use crate::terms::FixedTerm;
 use crate::weights::Count;
 use crate::{TermConfig, TrajError};
 
@@ -147,6 +148,8 @@ impl TrajConfig {
                 return refuse(key, value.to_string(), remedy);
             }
         }
+        // Not only when the force is built, which is after the goal network's training.
+        self.terms.iter().try_for_each(|term| FixedTerm::configured(term).map(drop))?;
         if self.integrator == Integrator::RungeKutta4 {
             let remedy = "give explicit or semi_implicit; the networks run once a step";
             return refuse("integrator", "runge_kutta4".to_owned(), remedy.to_owned());

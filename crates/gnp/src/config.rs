@@ -3,6 +3,7 @@
 mod keys;
 mod ranges;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
@@ -137,11 +138,14 @@ impl RunConfig {
         match name.to_str().filter(|name| known.contains(name)) {
             Some(name) => Self::embedded(name, set),
             None if !name.exists() => {
+                let stem = name.with_extension("");
+                let meant = known.iter().find(|known| stem.ends_with(known)).map(|known| format!(" (here `{known}`?)"));
                 bail!(
                     Config,
-                    "there is no file {}; give one, or the name of a configuration that comes with the program: {}",
+                    "there is no file {}; give one, or the name of a configuration that comes with the program: {}{}",
                     name.display(),
-                    known.join(", ")
+                    known.join(", "),
+                    meant.unwrap_or_default()
                 )
             }
             None => Self::read(name, set),
@@ -222,6 +226,7 @@ impl RunConfig {
         self.evaluate.check().context("[evaluate]")?;
         let asked: Vec<usize> = self.evaluate.protocols.iter().flat_map(|protocol| protocol.asks()).copied().collect();
         if !asked.contains(&self.predict.k) {
+            let asked: BTreeSet<usize> = asked.into_iter().collect();
             bail!(
                 Config,
                 "predict.k = {}: the protocols of [evaluate] ask for {asked:?} futures; take one of these",

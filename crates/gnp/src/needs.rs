@@ -27,6 +27,9 @@ use crate::memory;
 use crate::run::Run;
 use crate::run::folder::Stage;
 
+/// What is estimated to need this many times what there is, is refused; below, what was measured may still fit.
+const TOO_MUCH: f64 = 1.5;
+
 /// Bytes of a number of the networks.
 const F32: f64 = 4.;
 /// The program itself, with what a small run needs, bytes.
@@ -75,7 +78,8 @@ struct Counts {
 /// [`Error::Unavailable`](crate::Error::Unavailable) with the largest parts, what there is, and the keys to lower.
 pub(crate) fn check_before(config: &RunConfig, machine: &Machine) -> Result<()> {
     config.check()?;
-    compare(config, None, Stage::Ingest, allowed(machine))
+    tell(compare(config, None, Stage::Ingest, allowed(machine))?, machine);
+    Ok(())
 }
 
 /// The same of a run that is about to do a stage and those after it: its recordings are counted.
@@ -97,7 +101,8 @@ pub(crate) fn check_with(stage: Stage, config: &RunConfig, ingested: &IngestSumm
         windows: sum(|report| report.windows.windows as f64),
         vehicles: sum(|report| report.windows.vehicles as f64),
     };
-    compare(config, Some(counts), stage, allowed(machine))
+    tell(compare(config, Some(counts), stage, allowed(machine))?, machine);
+    Ok(())
 }
 
 /// Refuses a scene whose recording does not fit into memory.
@@ -126,13 +131,19 @@ fn allowed(machine: &Machine) -> Option<u64> {
     memory::allowed().filter(|_| machine.device.is_cpu())
 }
 
-/// Compares what the stages from `first` on need with what there is.
-fn compare(config: &RunConfig, counts: Option<Counts>, first: Stage, allowed: Option<u64>) -> Result<()> {
-    let Some(allowed) = allowed else { return Ok(()) };
+fn tell(doubt: Option<String>, machine: &Machine) {
+    if let Some(doubt) = doubt {
+        machine.progress.note(&doubt);
+    }
+}
+
+/// Compares what the stages from `first` on need with what there is: refused, or doubted, with what is to be told.
+fn compare(config: &RunConfig, counts: Option<Counts>, first: Stage, allowed: Option<u64>) -> Result<Option<String>> {
+    let Some(allowed) = allowed else { return Ok(None) };
     let (stage, mut parts) = largest(config, counts, first)?;
     let needed = total(&parts);
     if needed <= allowed as f64 {
-        return Ok(());
+        return Ok(None);
     }
     parts.sort_by(|a, b| b.bytes.total_cmp(&a.bytes));
     let gigabytes = |bytes: f64| format!("{:.1} GB", bytes / 1e9);
@@ -142,13 +153,16 @@ fn compare(config: &RunConfig, counts: Option<Counts>, first: Stage, allowed: Op
         .filter(|part| part.bytes > 0.05 * needed)
         .map(|part| format!("{} {} ({})", gigabytes(part.bytes), part.what, part.keys))
         .collect();
-    bail!(
-        Unavailable,
-        "{stage} would need about {} of memory, and there are {}: {}; lower these keys, or take a larger computer",
+    let what = format!(
+        "{stage} would need about {} of memory, and there are {}: {}",
         gigabytes(needed),
         gigabytes(allowed as f64),
         largest.join(", ")
-    )
+    );
+    if needed > TOO_MUCH * allowed as f64 {
+        bail!(Unavailable, "{what}; lower these keys, or take a larger computer");
+    }
+    Ok(Some(format!("memory may be short: {what}")))
 }
 
 fn total(parts: &[Part]) -> f64 {
@@ -330,7 +344,7 @@ mod tests {
     fn what_comes_with_the_project_fits_a_small_computer() {
         for name in ["smoke", "ngsim", "highd", "paper/ngsim", "paper/highd"] {
             let fits = compare(&config(name, &[]), None, Stage::Ingest, Some(4_000_000_000));
-            assert!(fits.is_ok(), "{name}: {}", fits.unwrap_err());
+            assert!(matches!(fits, Ok(None)), "{name}: {fits:?}");
         }
     }
 
@@ -340,7 +354,11 @@ mod tests {
         let compared = |allowed| compare(&config("smoke", &[]), Some(counts), Stage::Modes, allowed);
         let message = compared(Some(16_000_000_000)).unwrap_err().to_string();
         assert!(message.contains("recordings (data.max_recordings)"), "{message}");
-        assert!(compared(None).is_ok());
+        assert!(matches!(compared(None), Ok(None)));
+        // What the estimate may have too high is doubted, not refused.
+        let needed = total(&largest(&config("smoke", &[]), Some(counts), Stage::Modes).unwrap().1);
+        let doubt = compared(Some((needed / 1.2) as u64)).unwrap().unwrap();
+        assert!(doubt.starts_with("memory may be short: "), "{doubt}");
     }
 
     #[test]

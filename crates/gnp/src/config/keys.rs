@@ -141,6 +141,14 @@ fn unknown(path: &str, known: &[String]) -> Error {
     if let Some(now) = renamed(path, known) {
         return Error::Config(format!("key `{path}` is now called `{now}`"));
     }
+    let below = format!("{path}.");
+    let members: Vec<&str> = known.iter().filter_map(|key| key.strip_prefix(&below)).collect();
+    if let Some(first) = members.first() {
+        let keys = members.join(", ");
+        return Error::Config(format!(
+            "`{path}` is a table: set one of its keys, as in `{below}{first}`; it has {keys}"
+        ));
+    }
     let near = near(path, known);
     if near.is_empty() {
         Error::Config(format!("unknown key `{path}`; configs/ngsim.toml has every key with a comment"))

@@ -19,8 +19,8 @@ type Range = (&'static str, f64, f64, &'static str);
 
 /// Numbers by table, in the order of the files.
 const TABLES: [(&str, &[Range]); 23] = [
-    // The largest number of TOML.
-    ("", &[("seed", 0., i64::MAX as f64, "")]),
+    // Whole numbers to here have a place of their own among floats.
+    ("", &[("seed", 0., 9_007_199_254_740_992., "")]),
     ("data", &[("rate_hz", 1e-2, 1000., "Hz"), ("max_recordings", 0., 1e9, "files (0: all)")]),
     ("windows", &WindowConfig::RANGES),
     ("windows", &[("site_stride_s.*", OF_STRIDE.1, OF_STRIDE.2, OF_STRIDE.3)]),

@@ -4,9 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use gnp_baselines::ConstantVelocity;
-use gnp_data::{
-    Dataset, Forecast, Observation, OraclePredictor, PredictError, Predictor, Recording, Window, WindowSet,
-};
+use gnp_data::{Forecast, Observation, OraclePredictor, PredictError, Predictor, Recording, Window, WindowSet};
 use gnp_eval::{Detail, EvalConfig, Predictions, Protocol, read_predictions};
 
 use super::faithfulness::Measured;
@@ -58,7 +56,7 @@ pub fn score_predictions(
         PredictionsOn::Run(folder) => {
             let run = Run::open(folder, machine)?;
             run.folder.require(Stage::Goal)?; // the split is there
-            same_data(&predictions, run.config.dataset, file)?;
+            same_data(&predictions, &run.config, file)?;
             let set = run.windows()?;
             let split = run.split(&set)?;
             let ids = split.subset(run.config.evaluate.subset);
@@ -68,7 +66,7 @@ pub fn score_predictions(
             score(predictions, beside, &material, &evaluated(&run.config, protocols), out, machine)
         }
         PredictionsOn::Recordings { config, data } => {
-            same_data(&predictions, config.dataset, file)?;
+            same_data(&predictions, config, file)?;
             let found = source::find(config, data.as_deref())?;
             machine.progress.result(&format!("Data: {}", found.data.description));
             let place = tempfile::tempdir().context("cannot make a temporary folder")?;
@@ -130,15 +128,18 @@ fn score(
     Ok(scores)
 }
 
-/// A file says of itself what data it is for; one that does not say is believed.
-fn same_data(predictions: &Predictions, dataset: Dataset, path: &Path) -> Result<()> {
-    let wanted = dataset.as_str();
-    match predictions.provenance().get("dataset") {
-        Some(found) if found != wanted => {
-            bail!(Predictions, "{}: predictions for {found}, not for {wanted}", path.display())
-        }
-        _ => Ok(()),
+/// A file says of itself what data and which rate it is for; one that does not say is believed.
+fn same_data(predictions: &Predictions, config: &RunConfig, path: &Path) -> Result<()> {
+    let says = |key: &str| predictions.provenance().get(key).map(String::as_str);
+    let (dataset, rate_hz) = (config.dataset.as_str(), config.windows.rate_hz);
+    if let Some(found) = says("dataset").filter(|found| *found != dataset) {
+        bail!(Predictions, "{}: predictions for {found}, not for {dataset}", path.display());
     }
+    let same = |found: &&str| found.parse::<f64>().is_ok_and(|found| (found - rate_hz).abs() <= 1e-6 * rate_hz);
+    if let Some(found) = says("rate_hz").filter(|found| !same(found)) {
+        bail!(Predictions, "{}: predictions at {found} Hz, the windows have {rate_hz} Hz", path.display());
+    }
+    Ok(())
 }
 
 /// Refuses a file with predictions for vehicles that the recordings do not have: it is of other recordings, or its
