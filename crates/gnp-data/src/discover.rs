@@ -179,7 +179,8 @@ impl FoundFiles {
                 kept.push(file);
                 continue;
             }
-            let foreign = foreign::of_file(&file.path);
+            let empty = || foreign::empty(&file.path).filter(|_| !self.single);
+            let foreign = foreign::of_file(&file.path).or_else(empty);
             match foreign {
                 Some(Foreign { what, remedy }) if self.single => {
                     return Err(DataError::Foreign { file: file.path, what, remedy });

@@ -140,6 +140,14 @@ pub(crate) fn known(head: &[u8], whole: bool) -> Option<Foreign> {
     table.map(|(_, what, remedy)| Foreign { what, remedy })
 }
 
+/// A file with nothing but blanks in it; `None` also where it cannot be read.
+pub(crate) fn empty(file: &Path) -> Option<Foreign> {
+    let (head, whole) = crate::formats::head(file).ok()?;
+    let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head);
+    let remedy = "download it again if it should be a recording";
+    (whole && text.trim_ascii().is_empty()).then_some(Foreign { what: "an empty file", remedy })
+}
+
 /// What a file is by its first bytes and, where these do not tell, by its name; `None` also where it cannot be read.
 pub(crate) fn of_file(file: &Path) -> Option<Foreign> {
     let (head, whole) = crate::formats::head(file).ok()?;

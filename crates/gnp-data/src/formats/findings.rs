@@ -38,8 +38,10 @@ impl Tally {
         tally
     }
 
+    /// Whether it was found in more than a fraction of all; a single one says nothing of more than two.
     pub(super) fn exceeds(self, fraction: f64, of: usize) -> bool {
-        self.count as f64 > fraction * of as f64
+        let alone = self.count == 1 && of > 2;
+        !alone && self.count as f64 > fraction * of as f64
     }
 }
 
@@ -58,14 +60,7 @@ pub(super) struct Check {
 impl Check {
     /// The error for a recording as a whole; `who` are of which kind and how many.
     pub(super) fn error(&self, table: &Table, first: Option<usize>, who: &str) -> DataError {
-        let column = self.column.to_ascii_lowercase();
-        let place = match first.map(|row| table.line_of(row)).transpose() {
-            Ok(Some(line)) => format!("line {line}, column `{column}`"),
-            Ok(None) => format!("column `{column}`"),
-            Err(e) => return e,
-        };
-        let what = format!("{who} {}", self.says).trim_end().to_owned();
-        DataError::Contradiction { file: table.file.clone(), place, what, remedy: self.remedy }
+        table.contradiction(first, self.column, format!("{who} {}", self.says), self.remedy)
     }
 }
 
@@ -91,11 +86,11 @@ impl Findings {
         for (vehicle, _) in vehicles {
             self.left_out.entry(*vehicle).or_insert(check.says);
         }
+        let (found, first) = (vehicles.len(), vehicles.iter().map(|(_, row)| *row).min());
         let out = self.left_out.len();
-        if vehicles.is_empty() || out as f64 <= MAX_LEFT_OUT * all as f64 {
+        if vehicles.is_empty() || !(Tally { count: out, first }).exceeds(MAX_LEFT_OUT, all) {
             return Ok(());
         }
-        let (found, first) = (vehicles.len(), vehicles.iter().map(|(_, row)| *row).min());
         let others = if out > found { format!(" (with other contradictions {out})") } else { String::new() };
         Err(check.error(table, first, &format!("{found} of {all} vehicles{others}")))
     }
@@ -148,5 +143,7 @@ mod tests {
         assert_eq!(tally, Tally { count: 3, first: Some(3) });
         assert!(tally.exceeds(MAX_LEFT_OUT, 29) && !tally.exceeds(MAX_LEFT_OUT, 30));
         assert!(!Tally::default().exceeds(MAX_LEFT_OUT, 0));
+        let one = Tally::of(std::iter::once(4));
+        assert!(one.exceeds(MAX_DOUBTED, 1) && one.exceeds(MAX_LEFT_OUT, 2) && !one.exceeds(MAX_LEFT_OUT, 3));
     }
 }

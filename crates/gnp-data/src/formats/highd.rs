@@ -286,7 +286,7 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
     let meta = RecordingMeta::new(Dataset::HIGHD, stated.site.clone(), source.name.clone(), stated.rate_hz)
         .with_simulated(source.simulated);
     let (recording, mut quality, names) = Recording::with_names(meta, stated.roads.clone(), rows, |row| bodies[row])?;
-    checks::neighbours(tracks, &names, |row| picked.get(row).map_or(row, |row| *row as usize))?;
+    checks::neighbours(tracks, &names, recording.len(), |row| picked.get(row).map_or(row, |row| *row as usize))?;
     quality.notes = checks::counts(&tables, &stated, &listed, quality.frames)?;
     quality.notes.extend(stated.notes.into_iter().chain(notes));
     quality.notes.extend(source.notes.iter().cloned());

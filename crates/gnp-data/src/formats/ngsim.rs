@@ -117,6 +117,9 @@ const COLUMNS: [&str; 18] = [
     "Time_Headway",
 ];
 
+/// Columns that a damaged first line of a file without a header may have more or fewer than [`COLUMNS`].
+const DAMAGE: usize = 3;
+
 /// Columns from which a header is recognised: those that are read.
 const KNOWN: [&str; 10] = [
     "Vehicle_ID",
@@ -155,6 +158,10 @@ fn recognise(file: &Path, head: &Head) -> Result<Option<Table>, DataError> {
         return Ok(Some(table));
     }
     let Some((separator, fields)) = head.numbers() else { return Ok(None) };
+    // Any other table or list of numbers is no damaged one.
+    if fields.abs_diff(COLUMNS.len()) > DAMAGE {
+        return Ok(None);
+    }
     if let Separator::Other(found) = separator {
         return Err(DataError::Delimiter { file: file.into(), found, expected: "commas or blanks" });
     }

@@ -117,8 +117,13 @@ fn a_line_of_another_length() {
     let error = ngsim(&long);
     assert!(matches!(error, DataError::FieldCount { line: 14, found: 19, expected: 18, .. }), "{error}");
     says(&error, &["bad.csv", "line 14"]);
-    let error = ngsim("1,2,3,4\n1,3,3,4\n");
-    assert!(matches!(error, DataError::FieldCount { line: 1, found: 4, expected: 18, .. }), "{error}");
+    let line = |fields: usize| format!("{}\n", vec!["1"; fields].join(","));
+    for fields in [15, 17, 21] {
+        let error = ngsim(&line(fields));
+        let DataError::FieldCount { line: 1, found, expected: 18, .. } = error else { panic!("{error}") };
+        assert_eq!(found, fields);
+    }
+    assert!(matches!(ngsim(&line(4)), DataError::NoRecordings { .. }));
 }
 
 #[test]
@@ -223,7 +228,7 @@ fn feet_where_metres_are_due_and_metres_where_feet_are() {
     // highD in feet: 25 m/s reads as 82 m/s, a lane of 3.5 m as 11.5 m.
     let error = highd(|files| files.tracks = files.tracks.replace(",25,", ",82,").replace(",-25,", ",-82,"));
     assert!(matches!(error, DataError::Unit { .. }), "{error}");
-    says(&error, &["05_tracks.csv", "line 2", "xvelocity", "82", "70 m/s", "feet"]);
+    says(&error, &["05_tracks.csv", "line 2", "xVelocity", "82", "70 m/s", "feet"]);
     let error = highd(|files| files.recording_meta = files.recording_meta.replace("0.50;4.00;7.50", "1.6;13.1;24.6"));
     assert!(matches!(error, DataError::Unit { .. }), "{error}");
     says(&error, &["05_recordingMeta.csv", "line 2", "upperLaneMarkings", "11.5", "8 m"]);

@@ -184,6 +184,33 @@ fn known_kinds_are_answered_with_their_name_and_what_to_do() {
 }
 
 #[test]
+fn empty_files_and_lists_of_numbers_beside_recordings() {
+    for dataset in [Dataset::NGSIM, Dataset::HIGHD] {
+        let folder = tempfile::tempdir().unwrap();
+        put(folder.path(), "good.csv", &good());
+        scene().put(folder.path(), "05");
+        for (name, text) in [("empty.csv", ""), ("blank.csv", " \n\n"), ("notes.csv", "1,2\n"), ("pairs.csv", "1;2\n")]
+        {
+            put(folder.path(), name, text);
+        }
+        let found = found(folder.path(), dataset).unwrap();
+        assert_eq!(found.sources.len(), 1, "{dataset}");
+        let said = not_read(&found, folder.path());
+        for (name, part) in [
+            ("empty.csv", "an empty file; download it again"),
+            ("blank.csv", "an empty file"),
+            ("notes.csv", "another kind"),
+            ("pairs.csv", "another kind"),
+        ] {
+            let what = said.iter().find(|(file, _)| file == Path::new(name)).map(|(_, what)| what);
+            assert!(what.is_some_and(|what| what.contains(part)), "{dataset}: {said:?}");
+        }
+        let alone = read_all(&folder.path().join("empty.csv"), dataset).unwrap_err();
+        assert!(matches!(alone, DataError::Empty { .. }), "{alone}");
+    }
+}
+
+#[test]
 fn a_message_about_an_empty_folder_says_what_is_there() {
     let folder = tempfile::tempdir().unwrap();
     let said = || found(folder.path(), Dataset::NGSIM).unwrap_err().to_string();

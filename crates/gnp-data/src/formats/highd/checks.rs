@@ -72,9 +72,16 @@ const FRAMES: Check = Check {
     column: "numFrames",
     says: "have other frames in tracks than tracksMeta says",
     then: "kept",
-    remedy: "rows are missing or of another recording; download tracks and tracksMeta again",
+    remedy: "rows are missing or of another recording; download both again, or, for rows you cut or resampled yourself, remove initialFrame, finalFrame and numFrames from tracksMeta",
 };
-const NEIGHBOURS: &str = "name vehicles that are not there";
+const NEIGHBOURS: &str = "neighbours are named by the id of tracks, 0 for none; take the original file, or set names of vehicles you took out to 0";
+
+/// A column of neighbours is refused only if this fraction of the recording's rows name wrong ones: a few names say
+/// little of a column, and are counted.
+const MIN_WRONG_NAMES: f64 = 0.01;
+
+const COUNTED: &str = "the file is another recording's; take all three from one download";
+const DURATION: &str = "the file is another recording's, or frameRate is wrong; take all three from one download";
 
 /// The tables of a recording.
 pub(super) struct Tables<'a> {
@@ -149,8 +156,7 @@ fn frames(
         let frames = span.map_or(&[][..], |span| &tracks.frame[spans[span].clone()]);
         let number = frames.chunk_by(|a, b| a == b).count();
         let have = [frames.first().copied(), frames.last().copied(), u32::try_from(number).ok()];
-        frames.is_empty()
-            || it.frames.iter().zip(have).any(|(says, have)| says.is_some_and(|n| u32::try_from(n).ok() != have))
+        it.frames.iter().zip(have).any(|(says, have)| says.is_some_and(|n| u32::try_from(n).ok() != have))
     });
     let tally = Tally::of(other.map(|it| it.row));
     findings.count(&FRAMES, tables.tracks_meta, tally, (listed.len(), "vehicles"), MAX_LEFT_OUT)
@@ -231,21 +237,22 @@ pub(super) fn lanes(
     Ok(())
 }
 
-/// Refuses a column of neighbours most of which are not there; `place` gives the row of the file of a row.
+/// Refuses a column of neighbours most of which are not there, in a recording of so many `rows`; `place` gives the row
+/// of the file of a row.
 ///
 /// # Errors
 /// When there is one.
 pub(super) fn neighbours(
     table: &Table,
     names: &[Names; SLOTS],
+    rows: usize,
     place: impl Fn(usize) -> usize,
 ) -> Result<(), DataError> {
     for (column, Names { named, wrong, first }) in TRACKS[TRACKS.len() - 1 - SLOTS..].iter().zip(names) {
         let tally = Tally { count: *wrong, first: first.map(&place) };
-        if tally.exceeds(MAX_DOUBTED, *named) {
-            let remedy = "neighbours are named by the id of tracks, 0 for none; take the original file";
-            let check = Check { column, says: NEIGHBOURS, then: "", remedy };
-            return Err(check.error(table, tally.first, &format!("{wrong} of {named} values")));
+        if tally.exceeds(MAX_DOUBTED, *named) && tally.exceeds(MIN_WRONG_NAMES, rows) {
+            let what = format!("{wrong} of {named} values name vehicles that are not there");
+            return Err(table.contradiction(tally.first, column, what, NEIGHBOURS));
         }
     }
     Ok(())
@@ -254,7 +261,8 @@ pub(super) fn neighbours(
 /// Compares what the recording's meta file counts with what is there; a sentence for each that differs a little.
 ///
 /// # Errors
-/// When they differ by more than a tenth, so that the file is another recording's.
+/// When more is there than is counted, by over a tenth, so that the file is another recording's. Less is there where
+/// somebody took vehicles or frames out.
 pub(super) fn counts(
     tables: &Tables<'_>,
     stated: &Stated,
@@ -271,22 +279,16 @@ pub(super) fn counts(
         COUNTS[1..].iter().zip(counted).zip([all, of_class(VehicleClass::Car), of_class(VehicleClass::Truck)])
     {
         let Some(says) = says.map(f64::from).filter(|says| *says != have) else { continue };
-        if (says - have).abs() > MAX_LEFT_OUT * all {
-            let check = Check {
-                column,
-                says: "",
-                then: "",
-                remedy: "the file is another recording's; take all three from one download",
-            };
-            return Err(check.error(table, Some(0), &format!("{says} where tracksMeta lists {have}")));
+        if have - says > MAX_LEFT_OUT * all {
+            let what = format!("{says} where tracksMeta lists {have}");
+            return Err(table.contradiction(Some(0), column, what, COUNTED));
         }
         notes.push(format!("recordingMeta has {column} {says}, tracksMeta lists {have}"));
     }
     if let Some(says) = duration.map(f64::from) {
         if seconds > says * (1. + MAX_LEFT_OUT) + SAME_TIME {
-            let remedy = "the file is another recording's, or frameRate is wrong; take all three from one download";
-            let check = Check { column: "duration", says: "", then: "", remedy };
-            return Err(check.error(table, Some(0), &format!("{says} s where tracks last {seconds:.1} s")));
+            let what = format!("{says} s where tracks last {seconds:.1} s");
+            return Err(table.contradiction(Some(0), "duration", what, DURATION));
         }
         if seconds < says * (1. - MAX_LEFT_OUT) - SAME_TIME {
             notes.push(format!("recordingMeta has duration {says} s, tracks last {seconds:.1} s"));

@@ -6,10 +6,11 @@ use super::meta::Listed;
 use super::{HighD, TRACKS};
 use crate::assemble::{NeighbourSource, Rows, VehicleBody};
 use crate::error::DataError;
+use crate::formats::findings::{MAX_LEFT_OUT, Tally};
 use crate::formats::motion::in_order;
 use crate::formats::periods::{Picked, out_of_order};
 use crate::formats::table::{Kind, Table, Values, Wanted};
-use crate::limits::MAX_RECORDED_SPEED;
+use crate::limits::{MAX_RECORDED_SPEED, MAX_SPEED};
 use crate::slot::SLOTS;
 
 /// Sizes in two tables that are nearer than this, m, are of one box.
@@ -59,14 +60,7 @@ pub(super) fn read(table: &Table, meta: &Table, listed: &[Listed]) -> Result<Tra
     let neighbours: [Vec<i32>; SLOTS] = std::array::from_fn(|_| whole(next()));
     let lane = table.lane_numbers(whole(next()), wanted[16])?;
 
-    if let Some(row) = (0..vx.len()).find(|row| vx[*row].hypot(vy[*row]) > MAX_RECORDED_SPEED) {
-        return Err(DataError::Unit {
-            file: table.file.clone(),
-            place: format!("line {}, column `xvelocity`", table.line_of(row)?),
-            what: format!("a vehicle moves at {:.1} m/s, more than {MAX_RECORDED_SPEED} m/s", vx[row].hypot(vy[row])),
-            remedy: HighD::UNITS,
-        });
-    }
+    speeds(table, wanted[6], [&vx, &vy])?;
     if let (_, Some((row, previous))) = out_of_order(&vehicle, &frame, &Picked::All) {
         return Err(table.frame_order("frame", row, vehicle[row], frame[row], previous));
     }
@@ -91,6 +85,33 @@ pub(super) fn read(table: &Table, meta: &Table, listed: &[Listed]) -> Result<Tra
     let velocity = [vx, vy];
     let tracks = Tracks { rows: Picked::All, vehicle, frame, x, y, velocity, lane, neighbours, resized, body };
     Ok(tracks.picked(order))
+}
+
+/// Refuses velocities, m/s along x and y, that are in another unit or those of no vehicle.
+fn speeds(table: &Table, column: Wanted, [vx, vy]: [&[f32]; 2]) -> Result<(), DataError> {
+    let speed = |row: usize| vx[row].hypot(vy[row]);
+    let fast = Tally::of((0..vx.len()).filter(|row| speed(*row) > MAX_RECORDED_SPEED));
+    if let Some(first) = fast.first.filter(|_| fast.exceeds(MAX_LEFT_OUT, vx.len())) {
+        return Err(DataError::Unit {
+            file: table.file.clone(),
+            place: format!("line {}, column `xVelocity`", table.line_of(first)?),
+            what: format!(
+                "{} of {} rows move at more than {MAX_RECORDED_SPEED} m/s, the first at {:.1} m/s",
+                fast.count,
+                vx.len(),
+                speed(first)
+            ),
+            remedy: HighD::UNITS,
+        });
+    }
+    // Another unit is that of all rows; one vehicle may be that fast.
+    match (0..vx.len()).find(|row| speed(*row) > MAX_SPEED) {
+        Some(row) => {
+            let reason = format!("is more than {MAX_SPEED} m/s, which no vehicle drives; repair it or remove the row");
+            Err(table.bad_value(row, column, format!("{:.1} m/s", speed(row)), &reason))
+        }
+        None => Ok(()),
+    }
 }
 
 fn bodies_of_rows(

@@ -58,6 +58,22 @@ impl Table {
         Ok(values)
     }
 
+    /// The error for what cannot be true together, in `row` of the file where one is known.
+    pub(in crate::formats) fn contradiction(
+        &self,
+        row: Option<usize>,
+        column: &str,
+        what: String,
+        remedy: &'static str,
+    ) -> DataError {
+        let place = match row.map(|row| self.line_of(row)).transpose() {
+            Ok(Some(line)) => format!("line {line}, column `{column}`"),
+            Ok(None) => format!("column `{column}`"),
+            Err(e) => return e,
+        };
+        DataError::Contradiction { file: self.file.clone(), place, what, remedy }
+    }
+
     /// Row `row` whose frame is before that of an earlier row of its vehicle.
     pub(in crate::formats) fn frame_order(
         &self,

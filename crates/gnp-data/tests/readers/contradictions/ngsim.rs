@@ -45,7 +45,7 @@ fn refused_ngsim(result: Result<(Recording, IngestReport), DataError>, parts: &[
 fn ngsim_vehicles_that_drive_backwards() {
     refused_ngsim(
         ngsim(|rows| rows.iter_mut().for_each(|row| row.y = 4000. - row.y)),
-        &["made.csv", "line 2", "local_y", "20 of 20 vehicles drive backwards", "direction of travel"],
+        &["made.csv", "line 2", "Local_Y", "20 of 20 vehicles drive backwards", "direction of travel"],
     );
     let back = |rows: &mut Vec<Row>| {
         rows.iter_mut().filter(|row| row.vehicle == 7).for_each(|row| row.y = 2000. - row.y);
@@ -61,7 +61,7 @@ fn ngsim_sizes() {
         ngsim(|rows| rows.iter_mut().filter(|row| vehicles.contains(&row.vehicle)).for_each(|row| row.length = length))
     };
     let no_size = "are of no size a vehicle has (0.5 to 40 m by 0.3 to 5 m)";
-    refused_ngsim(size(1..21, 1e9), &["made.csv", "line 2", "v_length", "20 of 20 vehicles", no_size]);
+    refused_ngsim(size(1..21, 1e9), &["made.csv", "line 2", "v_Length", "20 of 20 vehicles", no_size]);
     let (recording, report) = size(7..8, 1e9).unwrap();
     assert_eq!((counted(&report).0, recording.tracks().len()), (vec![(no_size, 1)], 19));
     // One that changes is that of the first row, and does not move the centre.
@@ -71,7 +71,7 @@ fn ngsim_sizes() {
     assert_eq!(recording.columns().x, ngsim(|_| {}).unwrap().0.columns().x);
     refused_ngsim(
         ngsim(|rows| rows.iter_mut().for_each(|row| row.length = 15. + f64::from(row.frame % 7))),
-        &["v_length", "rows have another size than the first row"],
+        &["v_Length", "rows have another size than the first row"],
     );
 }
 
@@ -86,7 +86,7 @@ fn ngsim_speeds_that_are_not_those_of_positions() {
         read_ngsim(&fields(change))
     };
     for wrong in ["0", "15.24", "90"] {
-        refused_ngsim(speed(1, wrong), &["made.csv", "line 2", "v_vel", "20 of 20 vehicles have another speed"]);
+        refused_ngsim(speed(1, wrong), &["made.csv", "line 2", "v_Vel", "20 of 20 vehicles have another speed"]);
     }
     let (_, report) = speed(19, "0").unwrap();
     assert_eq!(
@@ -98,7 +98,7 @@ fn ngsim_speeds_that_are_not_those_of_positions() {
 
 #[test]
 fn ngsim_lanes_that_are_not_those_of_positions() {
-    let lane = &["made.csv", "lane_id", "contradicts Local_X", "from the left"];
+    let lane = &["made.csv", "Lane_ID", "contradicts Local_X", "from the left"];
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.lane = 2)), lane);
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.lane = 5 - row.lane)), lane);
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.lane = 1 + (row.frame % 4) as i32)), lane);
@@ -107,7 +107,7 @@ fn ngsim_lanes_that_are_not_those_of_positions() {
         ngsim(|rows| rows.iter_mut().filter(|row| vehicles.contains(&row.vehicle)).for_each(|row| row.x += 500.))
     };
     assert_eq!(counted(&off(7..8).unwrap().1).0, [("drive more than 20 m outside the lanes", 1)]);
-    refused_ngsim(off(1..6), &["made.csv", "local_x", "5 of 20 vehicles drive more than 20 m outside"]);
+    refused_ngsim(off(1..6), &["made.csv", "Local_X", "5 of 20 vehicles drive more than 20 m outside"]);
     let (recording, report) = ngsim(|rows| rows[..10].iter_mut().for_each(|row| row.lane = 4)).unwrap();
     let rows = "rows have a Lane_ID that contradicts Local_X: the lane is taken as unknown";
     assert!(counted(&report).1.contains(&(rows, 10)), "{:?}", report.remarks());
