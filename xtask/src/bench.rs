@@ -22,6 +22,7 @@ use comfy_table::{CellAlignment, Table, presets};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::cli::BenchArgs;
+use crate::process::own_file;
 use crate::project;
 
 pub(crate) use check::Profile;
@@ -47,8 +48,7 @@ pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
 
 /// Starts this program anew with the number of threads in its environment.
 fn again(threads: usize) -> Result<()> {
-    let program = std::env::current_exe().context("cannot find this program to start it anew")?;
-    let mut command = Command::new(program);
+    let mut command = Command::new(own_file()?);
     command.args(std::env::args_os().skip(1)).env(THREADS, threads.to_string());
     let status = command.status().context("cannot start this program anew")?;
     if !status.success() {

@@ -5,7 +5,7 @@ pub(crate) mod features;
 mod supply;
 
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context as _, Result, bail};
 
@@ -125,7 +125,10 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     within(terminal, "bench", "--check --quick", || bench::check(bench::Profile::Quick, terminal))?;
     within(terminal, "determinism", "--threads-only", || determinism::threads(terminal))?;
     within(terminal, "torture", "", || torture::once(terminal))?;
-    within(terminal, "fuzz", "--seconds 60 --jobs 2", || fuzz::a_minute_each(terminal))?;
+    // Other inputs each time; the line says how to repeat them.
+    let seed = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+    let options = format!("--seconds 60 --jobs 2 --seed {seed}");
+    within(terminal, "fuzz", &options, || fuzz::a_minute_each(seed, terminal))?;
     if rerun {
         RERUN.iter().try_for_each(|one| step(root, terminal, one))?;
     }

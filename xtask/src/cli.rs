@@ -145,7 +145,7 @@ pub(crate) struct BenchArgs {
 #[derive(Clone, Debug, Args)]
 pub(crate) struct FuzzArgs {
     /// A target; several may be given [default: all].
-    #[arg(long = "target", value_name = "NAME")]
+    #[arg(long = "target", value_name = "NAME", long_help = crate::fuzz::targets_help())]
     pub(crate) targets: Vec<String>,
     /// Executions of each target.
     #[arg(long, value_name = "N", conflicts_with = "seconds")]

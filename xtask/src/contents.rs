@@ -18,18 +18,20 @@ const TIMES: [&str; 3] = ["seconds", "rows_per_second", "peak_memory_bytes"];
 /// What stands before the time in a report.
 const TIME_IN_REPORT: &str = "time of all stages</dt><dd>";
 
-/// Files by their path below a folder, with `/` between names.
+/// Files by their path below a folder, with `/` between names; empty folders with a `/` behind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Contents(BTreeMap<String, Vec<u8>>);
 
 impl Contents {
-    /// Reads every file below `folder`.
+    /// Reads every file below `folder`, and notes empty folders.
     ///
     /// # Errors
     /// When a file cannot be read.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
-        let mut files = BTreeMap::new();
-        for path in paths(folder)? {
+        let (paths, empty) = list(folder)?;
+        let mut files: BTreeMap<String, Vec<u8>> =
+            empty.into_iter().map(|path| (format!("{path}/"), Vec::new())).collect();
+        for path in paths {
             if in_events(&path) {
                 continue;
             }
@@ -69,23 +71,35 @@ impl Contents {
 /// # Errors
 /// When a folder cannot be listed.
 pub(crate) fn paths(folder: &Path) -> Result<Vec<String>> {
-    let mut found = Vec::new();
+    list(folder).map(|(files, _)| files)
+}
+
+/// As [`paths`], and the folders below `folder` in which there is nothing.
+///
+/// # Errors
+/// When a folder cannot be listed.
+pub(crate) fn list(folder: &Path) -> Result<(Vec<String>, Vec<String>)> {
+    let (mut files, mut empty) = (Vec::new(), Vec::new());
     let mut folders = vec![String::new()];
     while let Some(below) = folders.pop() {
         let place = folder.join(&below);
-        for entry in fs::read_dir(&place).with_context(|| format!("cannot list {}", place.display()))? {
+        let mut entries = fs::read_dir(&place).with_context(|| format!("cannot list {}", place.display()))?.peekable();
+        if entries.peek().is_none() && !below.is_empty() {
+            empty.push(below.clone());
+        }
+        for entry in entries {
             let entry = entry?;
             let name = entry.file_name().to_string_lossy().into_owned();
             let path = if below.is_empty() { name } else { format!("{below}/{name}") };
             match entry.file_type() {
                 Ok(kind) if kind.is_dir() => folders.push(path),
-                Ok(_) => found.push(path),
+                Ok(_) => files.push(path),
                 Err(_) => {}
             }
         }
     }
-    found.sort();
-    Ok(found)
+    files.sort();
+    Ok((files, empty))
 }
 
 /// Whether it is a file of curves, which has wall times, and of which a resumed training makes one more.
@@ -174,6 +188,10 @@ mod tests {
         let b = contents(&[("metrics.json", "[2]"), ("split.json", "x"), (".tmp1", "")]);
         assert_eq!(a.differences(&b), ["figures/a.svg is missing", "metrics.json differs", ".tmp1 is left over"]);
         assert!(a.differences(&a.clone()).is_empty());
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir_all(folder.path().join("a/b")).unwrap();
+        let nothing = contents(&[]);
+        assert_eq!(nothing.differences(&Contents::read(folder.path()).unwrap()), ["a/b/ is left over"]);
     }
 
     #[test]

@@ -1,7 +1,6 @@
 //! One run on several numbers of threads and instruction sets: which files are the same bytes, and how far others differ.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
@@ -31,9 +30,6 @@ const UNSEEN: [&str; 2] = ["prob.bias", "attn.k.bias"];
 
 /// The emulator.
 const QEMU: &str = "qemu-x86_64";
-
-/// The recording of the run.
-const RECORDING: &str = "fixtures/ngsim/us101-13_1.csv.gz";
 
 /// What is compared.
 #[derive(Clone, Copy, Debug, Args)]
@@ -184,12 +180,7 @@ struct Runs<'a> {
 
 impl<'a> Runs<'a> {
     fn prepare(place: &'a Path) -> Result<Self> {
-        let data = place.join("data");
-        fs::create_dir(&data).with_context(|| format!("cannot make {}", data.display()))?;
-        let from = project::root().join(RECORDING);
-        let name = from.file_name().unwrap_or_default();
-        fs::copy(&from, data.join(name)).with_context(|| format!("cannot copy {}", from.display()))?;
-        Ok(Self { place, data })
+        Ok(Self { place, data: project::one_recording(place)? })
     }
 
     fn arguments(&self, command: &str, run: &Path) -> Vec<String> {
@@ -237,11 +228,16 @@ fn difference(reference: &Contents, other: &Contents, what: String) -> Result<Di
 /// Numbers by what they are.
 type Numbers = BTreeMap<String, Vec<f64>>;
 
-/// Largest difference of two numbers, by the largest of their group in `a`; infinite when the groups do not match.
+/// Largest difference of two numbers, by the largest of their group in `a`; infinite when the groups do not match or a number is
+/// not finite.
 fn furthest(a: &Numbers, b: &Numbers) -> f64 {
     let group = |(name, a): (&String, &Vec<f64>)| {
         let Some(b) = b.get(name).filter(|b| b.len() == a.len()) else { return f64::INFINITY };
         let largest = a.iter().fold(0f64, |largest, value| largest.max(value.abs()));
+        // `f64::max` passes over NaN.
+        if a.iter().chain(b).any(|value| !value.is_finite()) {
+            return f64::INFINITY;
+        }
         let apart = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0f64, f64::max);
         if apart == 0. { 0. } else { apart / largest }
     };
@@ -316,6 +312,11 @@ mod tests {
         assert!((furthest(&a, &numbers(&[("w", &[-10., 2.]), ("b", &[0.1])])) - 0.1).abs() < 1e-12);
         assert!((furthest(&a, &numbers(&[("w", &[-10., 1.]), ("b", &[0.15])])) - 0.5).abs() < 1e-12);
         assert!(furthest(&a, &numbers(&[("w", &[-10., 1.])])).is_infinite());
+        for bad in [f64::NAN, f64::INFINITY] {
+            let other = numbers(&[("w", &[-10., bad]), ("b", &[0.1])]);
+            assert!(furthest(&a, &other).is_infinite() && furthest(&other, &a).is_infinite());
+            assert!(furthest(&other, &other).is_infinite());
+        }
         assert!(furthest(&a, &numbers(&[("w", &[-10.]), ("b", &[0.1])])).is_infinite());
     }
 

@@ -6,7 +6,7 @@ mod worker;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command};
+use std::process::Child;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -52,19 +52,11 @@ pub(crate) fn run(args: &FuzzArgs, terminal: &Terminal) -> Result<()> {
 ///
 /// # Errors
 /// As [`run`].
-pub(crate) fn a_minute_each(terminal: &Terminal) -> Result<()> {
+pub(crate) fn a_minute_each(seed: u64, terminal: &Terminal) -> Result<()> {
     let jobs = NonZeroUsize::MIN.saturating_add(1);
     let targets = Vec::new();
-    let args = FuzzArgs {
-        targets,
-        executions: None,
-        seconds: None,
-        jobs,
-        seed: 0,
-        coverage: false,
-        replay: None,
-        worker: None,
-    };
+    let args =
+        FuzzArgs { targets, executions: None, seconds: None, jobs, seed, coverage: false, replay: None, worker: None };
     run(&args, terminal)
 }
 
@@ -75,6 +67,12 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Target>> {
     let known = || TARGETS.iter().map(|target| target.name).collect::<Vec<_>>().join(", ");
     let find = |name: &String| Target::named(name).ok_or_else(|| anyhow!("no target `{name}`; there are {}", known()));
     names.iter().map(find).collect()
+}
+
+/// What `--target` takes, for `--help`.
+pub(crate) fn targets_help() -> String {
+    let list: String = TARGETS.iter().map(|target| format!("\n- {}: {}", target.name, target.about)).collect();
+    format!("A target; several may be given [default: all]:{list}")
 }
 
 fn replay(target: &Target, file: &Path, terminal: &Terminal) -> Result<()> {
@@ -201,9 +199,4 @@ fn file_name(target: &Target, input: &[u8]) -> PathBuf {
     let mut hasher = DefaultHasher::new();
     input.hash(&mut hasher);
     format!("{}-{:016x}", target.name, hasher.finish()).into()
-}
-
-/// This program, to be started anew.
-fn this_program() -> Result<Command> {
-    Ok(Command::new(std::env::current_exe().context("cannot find this program to start it anew")?))
 }

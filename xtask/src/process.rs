@@ -3,6 +3,7 @@
 use std::ffi::{OsStr, OsString};
 use std::fmt;
 use std::io::Read;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -75,14 +76,21 @@ impl Signal {
     }
 }
 
+/// The file of this program, to start it anew.
+///
+/// # Errors
+/// When it is not known.
+pub(crate) fn own_file() -> Result<PathBuf> {
+    std::env::current_exe().context("cannot find this program to start it anew")
+}
+
 impl Starter {
     /// This program.
     ///
     /// # Errors
     /// When its file is not known.
     pub(crate) fn own() -> Result<Self> {
-        let file = std::env::current_exe().context("cannot find this program to start it anew")?;
-        Ok(Self { words: vec![file.into()], environment: Vec::new() })
+        Ok(Self { words: vec![own_file()?.into()], environment: Vec::new() })
     }
 
     /// The same, run by another program with arguments of its own.
@@ -261,6 +269,15 @@ impl Ended {
         }
         Ok(())
     }
+
+    /// As [`Ended::refused`], and the sentence must name `folder`.
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn refused_of(&self, folder: &Path, words: &[&str]) -> Result<()> {
+        self.refused(words)?;
+        self.refused(&[&folder.to_string_lossy()])
+    }
 }
 
 impl fmt::Display for Ended {
@@ -286,6 +303,10 @@ mod tests {
         let good = shell("echo 'error: the disk is full' >&2; exit 1");
         good.refused(&["full", "No space"]).unwrap();
         assert!(good.refused(&["lock"]).is_err());
+        let named = shell("echo 'error: runs/a: the disk is full' >&2; exit 1");
+        named.refused_of(Path::new("runs/a"), &["full"]).unwrap();
+        assert!(named.refused_of(Path::new("runs/b"), &["full"]).is_err());
+        assert!(named.refused_of(Path::new("runs/a"), &["lock"]).is_err());
         for script in [
             "exit 0",
             "echo 'error: full' >&2; exit 2",

@@ -1,8 +1,9 @@
 //! Values of arguments that are names.
 
 use clap::ValueEnum;
+use gnp_data::limits::MAX_SPEED;
 use gnp_data::{Dataset, DatasetNameError, format_of};
-use gnp_eval::Protocol;
+use gnp_eval::{FARTHEST_M, Protocol};
 
 /// `--protocol`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -40,10 +41,6 @@ pub(crate) fn dataset(text: &str) -> Result<Dataset, String> {
     format_of(dataset).map(|_| dataset).map_err(|error| error.to_string())
 }
 
-/// Farthest goal, m, and fastest vehicle, m/s, that are believed.
-const FARTHEST_M: f32 = 10_000.;
-const FASTEST_MPS: f32 = 100.;
-
 /// `--goal`: a place forward and left of a vehicle, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Place(pub(crate) [f32; 2]);
@@ -59,8 +56,8 @@ pub(crate) fn place(text: &str) -> Result<Place, String> {
 pub(crate) fn speed(text: &str) -> Result<(u32, f32), String> {
     let both = text
         .split_once('=')
-        .and_then(|(vehicle, speed)| Some((vehicle.trim().parse().ok()?, number(speed, FASTEST_MPS)?)));
-    both.ok_or_else(|| format!("give a vehicle and its speed in m/s, up to {FASTEST_MPS}, such as 549=5"))
+        .and_then(|(vehicle, speed)| Some((vehicle.trim().parse().ok()?, number(speed, MAX_SPEED)?)));
+    both.ok_or_else(|| format!("give a vehicle and its speed in m/s, up to {MAX_SPEED}, such as 549=5"))
 }
 
 /// A span of time, s: up to a day.

@@ -114,7 +114,7 @@ fn source_frame(frame: u32, t0: Option<u32>) -> u32 {
     t0.map_or(frame, |t0| frame.min(t0) + frame.saturating_sub(t0) / 2)
 }
 
-/// Writes the scene as one highD recording, changed after `scrambled`.
+/// Writes the scene as one highD recording, changed after `scrambled`, from where on nobody has neighbours either.
 fn write_highd(folder: &Path, layout: Layout, rate: f64, scrambled: Option<u32>) {
     let mut tracks = String::from(
         "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,frontSightDistance,\
@@ -132,7 +132,6 @@ fn write_highd(folder: &Path, layout: Layout, rate: f64, scrambled: Option<u32>)
         for slot in Slot::ALL {
             by_slot[layout.slot(slot) as usize] = slots_of(index)[slot as usize];
         }
-        let ids = by_slot.map(|id| id.to_string()).join(",");
         for frame in 1..=FRAMES {
             let source = source_frame(frame, scrambled);
             let [x, y] = layout.image(vehicle.at(f64::from(source) / rate));
@@ -141,6 +140,7 @@ fn write_highd(folder: &Path, layout: Layout, rate: f64, scrambled: Option<u32>)
             let after = scrambled.is_some_and(|t0| frame > t0);
             let vx = if after { vx / 2. } else { vx };
             let lane = 3 + vehicle.lane;
+            let ids = if after { [0; SLOTS] } else { by_slot }.map(|id| id.to_string()).join(",");
             writeln!(
                 tracks,
                 "{frame},{id},{corner_x:.4},{corner_y:.4},{},{},{vx:.4},{vy:.4},0,0,0,0,0,0,0,0,{ids},{lane}",
@@ -352,6 +352,8 @@ fn rows_after_the_last_observed_frame_do_not_count() {
             let truth = Window::new(&recorded, shape, track, row).unwrap().truth();
             let after = scrambled.columns().x[row + 1] - a.origin()[0];
             assert_ne!(truth.target(0).x, after, "{name}: the scrambling reached the recording");
+            let beside = |recording: &Recording| Slot::ALL.map(|slot| recording.neighbour(row + 1, slot));
+            assert!(name == "ngsim" || beside(&recorded) != beside(&scrambled), "{name}: the slots are as before");
         }
     }
 }

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use gnp_data::{Forecast, Observation, PredictError, Predictor, Window, WindowKey};
 
-pub use crate::predictions::reader::{Detail, read_predictions};
+pub use crate::predictions::reader::{Detail, FARTHEST_M, read_predictions};
 pub use crate::predictions::schema::{ColumnInfo, Provenance, prediction_columns};
 pub use crate::predictions::writer::PredictionWriter;
 

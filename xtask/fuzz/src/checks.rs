@@ -169,3 +169,13 @@ pub(crate) fn forecast(forecast: &Forecast, name: &str, steps: Option<usize>) ->
     }
     promise(steps.is_none() || (sum - 1.).abs() < 1e-3, || format!("probabilities of {name} that sum to {sum}"))
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn no_rule_is_left_out() {
+        let names: Vec<&str> = super::RULES.iter().map(|rule| rule.name()).collect();
+        let listed: Vec<&str> = gnp_baselines::RULES.iter().map(gnp_baselines::Rule::name).collect();
+        assert_eq!(names, listed);
+    }
+}

@@ -6,7 +6,7 @@ use std::sync::{Mutex, Once, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::mutate::Mutator;
-use crate::{Finding, Scratch, Target};
+use crate::{Corpus, Finding, Scratch, Target};
 
 /// Tries of the search for a shorter input.
 const SHORTENING: usize = 2000;
@@ -77,16 +77,18 @@ pub fn execute(target: &Target, scratch: &Scratch, input: &[u8]) -> Result<(), S
     let tried = catch_unwind(AssertUnwindSafe(|| (target.run)(scratch, input)));
     TRYING.set(false);
     match tried {
-        Ok(Ok(())) => Ok(()),
+        // A panic of another thread that the code under test made an error of, or nothing.
+        Ok(Ok(())) => last_panic().map_or(Ok(()), Err),
         Ok(Err(finding)) => Err(match &finding {
             Finding::Scratch(error) => format!("{finding}: {error}"),
             _ => finding.to_string(),
         }),
-        Err(_) => {
-            let said = PANIC.lock().ok().and_then(|mut last| last.take());
-            Err(said.unwrap_or_else(|| "panic".to_owned()))
-        }
+        Err(_) => Err(last_panic().unwrap_or_else(|| "panic".to_owned())),
     }
+}
+
+fn last_panic() -> Option<String> {
+    PANIC.lock().ok().and_then(|mut last| last.take())
 }
 
 /// What came of many executions.
@@ -103,7 +105,7 @@ pub struct Outcome {
 pub fn run(
     target: &Target,
     scratch: &Scratch,
-    corpus: &[Vec<u8>],
+    corpus: &Corpus,
     limits: &Limits,
     before: &mut dyn FnMut(u64, &[u8]),
 ) -> Outcome {
@@ -137,8 +139,7 @@ pub fn run(
 }
 
 /// A shorter input with which the same goes wrong, by leaving out parts of it. `before` is told each one that is tried.
-#[must_use]
-pub fn minimise(target: &Target, scratch: &Scratch, failure: Failure, before: &mut dyn FnMut(&[u8])) -> Failure {
+fn minimise(target: &Target, scratch: &Scratch, failure: Failure, before: &mut dyn FnMut(&[u8])) -> Failure {
     let mut best = failure;
     let mut tries = 0;
     let mut part = best.input.len().next_power_of_two() / 2;
@@ -174,6 +175,9 @@ mod tests {
         about: "",
         run: |_, input| {
             assert!(!input.contains(&b'x'), "an x");
+            if input == b"thread" {
+                let _ = std::thread::spawn(|| panic!("nobody looks")).join();
+            }
             if input.windows(2).any(|pair| pair == b"ab") { Err(Finding::Believed("ab".to_owned())) } else { Ok(()) }
         },
         seeds: |_| Ok(Vec::new()),
@@ -184,7 +188,7 @@ mod tests {
     fn failures_are_found_and_shortened() {
         let scratch = Scratch::new().unwrap();
         let limits = Limits { executions: Some(100_000), ..Limits::default() };
-        let corpus = [b"the quick brown f".to_vec()];
+        let corpus = Corpus { seeds: vec![b"the quick brown f".to_vec()], ..Corpus::default() };
         let mut seen = 0;
         let outcome = run(&PICKY, &scratch, &corpus, &limits, &mut |_, _| seen += 1);
         let mut inputs: Vec<&[u8]> = outcome.failures.iter().map(|failure| &failure.input[..]).collect();
@@ -198,9 +202,17 @@ mod tests {
     }
 
     #[test]
+    fn a_panic_that_is_passed_over_in_silence_is_a_failure() {
+        catch_panics();
+        let scratch = Scratch::new().unwrap();
+        assert!(execute(&PICKY, &scratch, b"thread").unwrap_err().contains("nobody looks"));
+        assert_eq!(execute(&PICKY, &scratch, b"threads"), Ok(()));
+    }
+
+    #[test]
     fn the_corpus_is_replayed_whatever_the_limit() {
         let scratch = Scratch::new().unwrap();
-        let corpus = [b"1".to_vec(), b"2".to_vec()];
+        let corpus = Corpus { seeds: vec![b"1".to_vec()], committed: vec![b"2".to_vec()] };
         let limits = Limits { executions: Some(1), ..Limits::default() };
         let outcome = run(&PICKY, &scratch, &corpus, &limits, &mut |_, _| {});
         assert_eq!(outcome, Outcome { executions: 2, failures: Vec::new() });

@@ -19,7 +19,7 @@ mod scratch;
 mod table;
 mod targets;
 
-pub use crate::engine::{Failure, Limits, Outcome, catch_panics, execute, minimise, run};
+pub use crate::engine::{Failure, Limits, Outcome, catch_panics, execute, run};
 pub use crate::finding::Finding;
 pub use crate::mutate::LONGEST_INPUT;
 pub use crate::scratch::Scratch;
@@ -61,21 +61,35 @@ impl Target {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(self.name)
     }
 
-    /// Every input to begin with: the seeds, then the committed ones by name.
+    /// Every input to begin with.
     ///
     /// # Errors
     /// When a seed cannot be made or a committed input cannot be read.
-    pub fn corpus(&self, scratch: &Scratch) -> Result<Vec<Vec<u8>>, Finding> {
-        let mut corpus = (self.seeds)(scratch)?;
+    pub fn corpus(&self, scratch: &Scratch) -> Result<Corpus, Finding> {
+        let mut corpus = Corpus { seeds: (self.seeds)(scratch)?, committed: Vec::new() };
         let folder = self.folder();
         if folder.is_dir() {
             let mut files: Vec<PathBuf> =
                 std::fs::read_dir(folder)?.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>()?;
             files.sort();
-            for file in files {
-                corpus.push(std::fs::read(file)?);
-            }
+            corpus.committed = files.into_iter().map(std::fs::read).collect::<Result<_, _>>()?;
         }
         Ok(corpus)
+    }
+}
+
+/// Inputs to begin with.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Corpus {
+    /// Made by the project's own writers; most are accepted.
+    pub seeds: Vec<Vec<u8>>,
+    /// Committed ones by name, of which most are refused.
+    pub committed: Vec<Vec<u8>>,
+}
+
+impl Corpus {
+    /// All of them, the seeds first.
+    pub fn iter(&self) -> impl Iterator<Item = &Vec<u8>> {
+        self.seeds.iter().chain(&self.committed)
     }
 }

@@ -3,6 +3,8 @@
 use rand::{Rng as _, SeedableRng as _, seq::IndexedRandom as _};
 use rand_chacha::ChaCha8Rng;
 
+use crate::Corpus;
+
 /// Longest input that is tried, bytes.
 pub const LONGEST_INPUT: usize = 4096;
 
@@ -38,20 +40,20 @@ const WORDS: [&str; 12] = ["NaN", "inf", "-inf", "", "null", "true", "\"", ",", 
 /// Makes inputs without end: changed ones of a corpus, and some of random bytes.
 pub(crate) struct Mutator<'a> {
     rng: ChaCha8Rng,
-    corpus: &'a [Vec<u8>],
+    corpus: &'a Corpus,
     words: &'a [&'a str],
 }
 
 impl<'a> Mutator<'a> {
-    pub(crate) fn new(seed: u64, corpus: &'a [Vec<u8>], words: &'a [&'a str]) -> Self {
+    pub(crate) fn new(seed: u64, corpus: &'a Corpus, words: &'a [&'a str]) -> Self {
         Self { rng: ChaCha8Rng::seed_from_u64(seed), corpus, words }
     }
 
     /// The next input, at most [`LONGEST_INPUT`] bytes.
     pub(crate) fn next(&mut self) -> Vec<u8> {
         let from_nothing = self.rng.random_range(0..4) == 0;
-        let mut input = match self.corpus.choose(&mut self.rng).filter(|_| !from_nothing) {
-            Some(entry) => entry.clone(),
+        let mut input = match self.entry().filter(|_| !from_nothing) {
+            Some(entry) => entry.to_vec(),
             None => return self.random(),
         };
         // Mostly one change or a few: many seldom pass the first check.
@@ -60,6 +62,14 @@ impl<'a> Mutator<'a> {
         }
         input.truncate(LONGEST_INPUT);
         input
+    }
+
+    /// An input of the corpus, half of the time a seed: changes of what is accepted get farther than changes of what is refused.
+    fn entry(&mut self) -> Option<&'a [u8]> {
+        let Corpus { seeds, committed } = self.corpus;
+        let [first, second] = if self.rng.random() { [seeds, committed] } else { [committed, seeds] };
+        let entry = first.choose(&mut self.rng).or_else(|| second.choose(&mut self.rng))?;
+        Some(entry)
     }
 
     /// Random bytes, short ones more often.
@@ -120,7 +130,7 @@ impl<'a> Mutator<'a> {
 
     /// The beginning of this one and the end of another.
     fn splice(&mut self, input: &mut Vec<u8>) {
-        let Some(other) = self.corpus.choose(&mut self.rng) else { return };
+        let Some(other) = self.entry() else { return };
         let (keep, from) = (self.rng.random_range(0..=input.len()), self.rng.random_range(0..=other.len()));
         input.truncate(keep);
         input.extend_from_slice(&other[from..]);
@@ -161,7 +171,8 @@ mod tests {
 
     #[test]
     fn the_same_seed_gives_the_same_inputs_and_none_is_too_long() {
-        let corpus = [b"p1,2,3\n4,5,6\n".to_vec(), vec![7; LONGEST_INPUT]];
+        let committed = vec![b"p1,2,3\n4,5,6\n".to_vec(), vec![7; LONGEST_INPUT]];
+        let corpus = Corpus { seeds: Vec::new(), committed };
         let make = |seed| {
             let mut mutator = Mutator::new(seed, &corpus, &["frame"]);
             (0..2000).map(|_| mutator.next()).collect::<Vec<_>>()
@@ -171,6 +182,14 @@ mod tests {
         assert_ne!(made, make(2));
         assert!(made.iter().all(|input| input.len() <= LONGEST_INPUT));
         assert!(made.iter().any(|input| input.windows(5).any(|part| part == b"frame")));
-        assert!(Mutator::new(1, &[], &[]).next().len() <= LONGEST_INPUT);
+        assert!(Mutator::new(1, &Corpus::default(), &[]).next().len() <= LONGEST_INPUT);
+    }
+
+    #[test]
+    fn half_of_the_inputs_come_from_seeds() {
+        let corpus = Corpus { seeds: vec![vec![1]], committed: vec![vec![2]; 40] };
+        let mut mutator = Mutator::new(1, &corpus, &[]);
+        let seeds = (0..1000).filter(|_| mutator.entry() == Some(&[1])).count();
+        assert!((400..600).contains(&seeds), "{seeds}");
     }
 }

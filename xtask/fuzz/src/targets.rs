@@ -39,9 +39,9 @@ mod tests {
         let target = Target::named(name).unwrap();
         let scratch = Scratch::new().unwrap();
         let corpus = target.corpus(&scratch).unwrap();
-        assert!(!corpus.is_empty());
+        assert!(!corpus.seeds.is_empty());
         assert!(corpus.iter().all(|input| input.len() <= LONGEST_INPUT));
-        let limits = Limits { executions: Some(corpus.len() as u64 + SOME), ..Limits::default() };
+        let limits = Limits { executions: Some(corpus.iter().count() as u64 + SOME), ..Limits::default() };
         let outcome = run(target, &scratch, &corpus, &limits, &mut |_, _| {});
         let shown = |failure: &Failure| format!("{}\n{}\n", failure.what, failure.input.escape_ascii());
         let failures: String = outcome.failures.iter().map(shown).collect();

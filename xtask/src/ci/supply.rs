@@ -20,6 +20,9 @@ const EVERYTHING: [&str; 2] = ["--locked", "--all-features"];
 /// What cargo-audit says where it has no list of vulnerabilities.
 const NO_ADVISORIES: &str = "couldn't fetch advisory database";
 
+/// What cargo says where it would have to change the lock file.
+const STALE_LOCK: &str = "because --locked was passed";
+
 /// Holds the dependencies against [`CONFIG`] with cargo-deny, and against the RustSec advisories with it and cargo-audit.
 /// What cannot be looked up because a program or its data cannot be had is said to be skipped.
 ///
@@ -27,13 +30,13 @@ const NO_ADVISORIES: &str = "couldn't fetch advisory database";
 /// When a program objects to a dependency or to its configuration.
 pub(super) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
     let skipped = |what: &str, why: &str| terminal.note(&format!("ci: {what} SKIPPED: {why}"));
-    let Some(deny) = find("GNP_CARGO_DENY", "cargo-deny") else {
+    let Some(deny) = find("GNP_CARGO_DENY", "cargo-deny")? else {
         skipped("supply chain", "no cargo-deny here; xtask/supply/requirements.txt says how to get it");
         return Ok(());
     };
     let metadata = capture(cargo().arg("metadata").args(EVERYTHING).args(["--format-version", "1"]), root)?;
-    if !metadata.status.success() {
-        skipped("supply chain", &format!("not all crates can be fetched: {}", last_line(&metadata.stderr)));
+    if let Some(why) = fetched(metadata.status.success(), &metadata.stderr)? {
+        skipped("supply chain", &why);
         return Ok(());
     }
     let started = Instant::now();
@@ -45,16 +48,16 @@ pub(super) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
     terminal.note(&format!("ci: supply chain (cargo deny, by {CONFIG})"));
     check(&mut deny(&["check", "--hide-inclusion-graph", "bans", "licenses", "sources"]), root)?;
     // A line that has gone silent is given up.
-    let fetched = capture(
+    let database = capture(
         deny(&["fetch", "db"]).envs([("GIT_HTTP_LOW_SPEED_LIMIT", "1000"), ("GIT_HTTP_LOW_SPEED_TIME", "30")]),
         root,
     )?;
-    if fetched.status.success() {
+    if database.status.success() {
         check(&mut deny(&["check", "--hide-inclusion-graph", "advisories"]), root)?;
     } else {
-        skipped("advisories", &format!("their database cannot be had: {}", last_line(&fetched.stderr)));
+        skipped("advisories", &format!("their database cannot be had: {}", last_line(&database.stderr)));
     }
-    match find("GNP_CARGO_AUDIT", "cargo-audit") {
+    match find("GNP_CARGO_AUDIT", "cargo-audit")? {
         Some(audit) => {
             let output = capture(Command::new(audit).arg("audit"), root)?;
             if let Some(why) = audited(output.status.success(), &output.stderr)? {
@@ -68,9 +71,21 @@ pub(super) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
 }
 
 /// The program that a variable of the environment names, or of that name where programs are sought.
-fn find(variable: &str, name: &str) -> Option<PathBuf> {
-    let named = std::env::var_os(variable).filter(|path| !path.is_empty()).map(PathBuf::from);
-    named.or_else(|| in_path(std::env::var_os("PATH")?, name))
+///
+/// # Errors
+/// When the variable names no file.
+fn find(variable: &str, name: &str) -> Result<Option<PathBuf>> {
+    match std::env::var_os(variable).filter(|path| !path.is_empty()) {
+        Some(path) => named(variable, path.into()).map(Some),
+        None => Ok(std::env::var_os("PATH").and_then(|folders| in_path(folders, name))),
+    }
+}
+
+fn named(variable: &str, path: PathBuf) -> Result<PathBuf> {
+    if !path.is_file() {
+        bail!("ci: {variable} names {}, which is no file; mend or unset it", path.display());
+    }
+    Ok(path)
 }
 
 fn in_path(folders: std::ffi::OsString, name: &str) -> Option<PathBuf> {
@@ -92,6 +107,22 @@ fn check(command: &mut Command, root: &Path) -> Result<()> {
 
 fn cannot(command: &Command) -> String {
     format!("cannot start {}", command.get_program().display())
+}
+
+/// Why cargo could not fetch what the lock file names, if it could not.
+///
+/// # Errors
+/// When the lock file is out of date: what it does not name would not be looked at.
+fn fetched(passed: bool, stderr: &[u8]) -> Result<Option<String>> {
+    if passed {
+        return Ok(None);
+    }
+    if String::from_utf8_lossy(stderr).contains(STALE_LOCK) {
+        bail!(
+            "ci: Cargo.lock does not fit the manifests; `cargo check --workspace` brings it up to date, then commit it"
+        );
+    }
+    Ok(Some(format!("not all crates can be fetched: {}", last_line(stderr))))
 }
 
 /// Why cargo-audit could not look, if it could not.
@@ -125,8 +156,21 @@ mod tests {
         let path = folder.path().join(format!("cargo-deny{}", std::env::consts::EXE_SUFFIX));
         std::fs::write(&path, "").unwrap();
         let folders = std::env::join_paths([Path::new("nowhere"), folder.path()]).unwrap();
+        assert_eq!(named("X", path.clone()).unwrap(), path);
+        assert!(named("X", folder.path().join("gone")).unwrap_err().to_string().contains("X names"));
         assert_eq!(in_path(folders.clone(), "cargo-deny"), Some(path));
         assert_eq!(in_path(folders, "cargo-audit"), None);
+    }
+
+    #[test]
+    fn a_lock_file_out_of_date_fails_and_a_network_that_is_down_does_not() {
+        assert_eq!(fetched(true, b"").unwrap(), None);
+        let stale = b"error: cannot update the lock file /p/Cargo.lock because --locked was passed to prevent this\n\
+            If you want to try to generate the lock file without accessing the network, remove the --locked flag\n";
+        assert!(fetched(false, stale).unwrap_err().to_string().contains("Cargo.lock"));
+        assert!(
+            fetched(false, b"error: failed to download\n  no such host\n").unwrap().unwrap().ends_with("no such host")
+        );
     }
 
     /// An audit that could not look must not pass for one that found nothing, nor one that found something for one that could not look.

@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result, bail};
 use gnp_fuzz::{Limits, Scratch, Target};
 
-use super::{Found, Job, LONGEST_S, MOST_MB, Report, SECONDS, this_program};
+use super::{Found, Job, LONGEST_S, MOST_MB, Report, SECONDS};
 use crate::cli::FuzzArgs;
+use crate::process::own_file;
 
 /// Files by which the process tells its parent: the input that is being tried, behind its length; executions; and what is
 /// wrong: numbered with the inputs that show it, without a number where the process could not go on.
@@ -31,7 +32,7 @@ static TRIES: AtomicU64 = AtomicU64::new(0);
 
 /// This program as worker on a target.
 pub(super) fn command(target: &Target, folder: &Path, args: &FuzzArgs) -> Result<Command> {
-    let mut command = this_program()?;
+    let mut command = Command::new(own_file()?);
     command.args(["fuzz", "--target", target.name, "--seed", &args.seed.to_string(), "--worker"]).arg(folder);
     match args.executions {
         Some(executions) => command.args(["--executions", &executions.to_string()]),

@@ -58,7 +58,7 @@ pub(super) fn full(round: &mut Round<'_>) -> Result<()> {
     let room = format!("size={}", (bytes as f64 * round.chance.random_range(0.02..0.9)) as u64);
     if let Some(disk) = Mount::at(&place, &["-t", "tmpfs", "-o", &room, "tmpfs"])? {
         let folder = place.join("run");
-        job.start(&folder)?.end()?.refused(&FULL)?;
+        job.start(&folder)?.end()?.refused_of(&folder, &FULL)?;
         disk.again("remount,size=1g")?;
         return round.finish(job, &folder, Outcome::Resumed);
     }
@@ -67,7 +67,7 @@ pub(super) fn full(round: &mut Round<'_>) -> Result<()> {
     let blocks = (largest as f64 * round.chance.random_range(0.005..0.4) / 1024.) as u64;
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
     let folder = round.folder("limited")?;
-    job.starter().by(&["sh", "-c", &script, "sh"]).run(&job.arguments(&folder))?.refused(&FULL)?;
+    job.starter().by(&["sh", "-c", &script, "sh"]).run(&job.arguments(&folder))?.refused_of(&folder, &FULL)?;
     round.finish(job, &folder, Outcome::Resumed)
 }
 
@@ -104,7 +104,7 @@ pub(super) fn read_only(round: &mut Round<'_>) -> Result<()> {
         let run = folder.to_string_lossy().into_owned();
         (vec!["report".to_owned(), "--run".to_owned(), run], Outcome::Refused)
     };
-    job.starter().run(&words)?.refused(&CLOSED)?;
+    job.starter().run(&words)?.refused_of(&folder, &CLOSED)?;
     drop(closed);
     round.finish(job, &folder, outcome)
 }

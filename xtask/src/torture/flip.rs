@@ -7,8 +7,7 @@ use rand::Rng as _;
 use rand::seq::IndexedRandom as _;
 
 use super::round::{Outcome, Reading, Round, copy};
-use super::torn;
-use crate::contents::paths;
+use crate::contents::{in_events, paths};
 
 /// Tries in a round, each on a copy of its own.
 const TRIES: usize = 5;
@@ -29,8 +28,9 @@ fn one(round: &mut Round<'_>, number: usize) -> Result<Outcome> {
     let job = &round.stand.pipeline;
     let folder = round.folder(&format!("flipped-{number}"))?;
     copy(&job.folder, &folder)?;
-    let files = paths(&folder)?;
-    let path = torn::file(&mut round.chance, &files).context("the run is empty")?;
+    let mut files = paths(&folder)?;
+    files.retain(|path| !in_events(path));
+    let path = files.choose(&mut round.chance).context("the run is empty")?;
     let place = folder.join(path);
     let mut bytes = fs::read(&place).with_context(|| format!("cannot read {}", place.display()))?;
     if bytes.is_empty() {
@@ -45,5 +45,5 @@ fn one(round: &mut Round<'_>, number: usize) -> Result<Outcome> {
         let parent = folder.parent().unwrap_or(&folder);
         return reading.of(job, &folder, parent, true).with_context(said);
     }
-    Round::mend(job, &folder, Some(path)).with_context(said)
+    Round::mend(job, &folder, std::slice::from_ref(path)).with_context(said)
 }

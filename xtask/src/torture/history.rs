@@ -18,7 +18,8 @@ pub(super) struct Version {
     kept: PathBuf,
 }
 
-/// Versions of the files in a folder, the oldest first. Files of curves, which are appended to, are left out.
+/// Versions of the files in a folder, the oldest first. Left out are files that are not renamed into place: curves, which are
+/// appended to, locks, and temporary files, which nobody reads.
 #[derive(Debug)]
 pub(super) struct History {
     folder: PathBuf,
@@ -62,14 +63,14 @@ impl History {
         if !self.folder.exists() {
             return Ok(());
         }
-        for path in paths(&self.folder)? {
+        for path in paths(&self.folder)?.into_iter().filter(|path| is_renamed(path)) {
             let place = self.folder.join(&path);
             let known = self.last(&path, self.versions.len()).map(|version| version.kept.clone());
-            if in_events(&path) || known.is_some_and(|kept| same_file(&kept, &place)) {
+            if known.is_some_and(|kept| same_file(&kept, &place)) {
                 continue;
             }
             let kept = self.store.join(self.versions.len().to_string());
-            // A file under a temporary name may be gone by now.
+            // It may have been removed by now.
             if fs::hard_link(&place, &kept).is_ok() {
                 self.versions.push(Version { path, kept });
             }
@@ -106,6 +107,13 @@ impl History {
     }
 }
 
+/// Whether a file of that path is written under a temporary name and renamed to this one.
+fn is_renamed(path: &str) -> bool {
+    let name = path.rsplit('/').next().unwrap_or(path);
+    let temporary = name.starts_with(".gnp-") && name.ends_with(".tmp");
+    !temporary && !name.ends_with(".lock") && !in_events(path)
+}
+
 /// Whether two names are of one file.
 fn same_file(a: &Path, b: &Path) -> bool {
     #[cfg(unix)]
@@ -133,10 +141,15 @@ mod tests {
         let read = |name: &str| fs::read_to_string(folder.join(name)).ok();
         write("a", "0");
         let mut history = History::begin(&folder, &place.path().join("versions")).unwrap();
+        // Nobody reads what is not renamed into place: tearing it would be no trouble.
+        let unfinished = gnp_file::beside(&folder.join("c")).unwrap();
+        fs::create_dir(folder.join("events")).unwrap();
+        ["run.lock", "events/curve"].iter().for_each(|name| fs::write(folder.join(name), "").unwrap());
         for (name, text) in [("a", "1"), ("b", "1"), ("a", "2")] {
             write(name, text);
             history.look().unwrap();
         }
+        drop(unfinished);
         let written: Vec<&str> = history.written().iter().map(|version| version.path.as_str()).collect();
         assert_eq!(written, ["a", "b", "a"]);
         history.lose(2).unwrap();

@@ -15,9 +15,6 @@ use crate::project;
 /// Settings that make the trainings of the smoke configuration long enough to be hit, and the whole run a second.
 const SETTINGS: [&str; 4] = ["goal.epochs=8", "attraction.epochs=6", "repulsion.epochs=6", "data.max_recordings=1"];
 
-/// The recording.
-const RECORDING: &str = "fixtures/ngsim/us101-13_1.csv.gz";
-
 /// Two small trainings beside that of GNP.
 const RECIPES: &str = r#"[shared]
 forms = ["published"]
@@ -78,11 +75,7 @@ pub(crate) struct Job {
 /// # Errors
 /// When a file cannot be copied.
 pub(crate) fn prepare(inputs: &Path) -> Result<()> {
-    let data = inputs.join("data");
-    fs::create_dir_all(&data).with_context(|| format!("cannot make {}", data.display()))?;
-    let from = project::root().join(RECORDING);
-    let name = from.file_name().unwrap_or_default();
-    fs::copy(&from, data.join(name)).with_context(|| format!("cannot copy {}", from.display()))?;
+    project::one_recording(inputs)?;
     fs::write(inputs.join("recipes.toml"), RECIPES).context("cannot write recipes.toml")
 }
 
@@ -142,6 +135,26 @@ impl Job {
         Ok(Some(seconds.into_iter().map(|(stage, seconds)| (stage, Duration::from_secs_f64(seconds))).collect()))
     }
 
+    /// What is finished of a pipeline in `folder`; of other commands nothing is told.
+    ///
+    /// # Errors
+    /// When `run.json` is damaged.
+    pub(crate) fn done(&self, folder: &Path) -> Result<Vec<(Stage, f64)>> {
+        if self.kind == Kind::Pipeline { finished(folder) } else { Ok(Vec::new()) }
+    }
+
+    /// Requires that stages that were finished `before` were not done again: the seconds that they took are still the same.
+    ///
+    /// # Errors
+    /// Names those that were.
+    pub(crate) fn expect_kept(&self, before: &[(Stage, f64)], folder: &Path) -> Result<()> {
+        let again = done_again(before, &self.done(folder)?);
+        if again.is_empty() {
+            return Ok(());
+        }
+        bail!("finished stages were done again: {}", again.join(", "))
+    }
+
     /// Requires that `folder` is as the undisturbed one, and that nothing else lies beside it.
     ///
     /// # Errors
@@ -178,11 +191,14 @@ pub(crate) fn finished(run: &Path) -> Result<Vec<(Stage, f64)>> {
     let path = run.join("run.json");
     let Ok(bytes) = fs::read(&path) else { return Ok(Vec::new()) };
     let value: Value = serde_json::from_slice(&bytes).with_context(|| format!("{} is damaged", path.display()))?;
-    let seconds = |stage: Stage| {
-        let entry = value.get("finished")?.get(stage.name())?;
-        entry.as_f64().or_else(|| entry.get("seconds")?.as_f64())
-    };
+    let seconds = |stage: Stage| value.get("finished")?.get(stage.name())?.as_f64();
     Ok(Stage::ALL.into_iter().filter_map(|stage| Some((stage, seconds(stage)?))).collect())
+}
+
+/// Stages of `before` that are not in `after` with the same seconds, up to what decimal digits lose.
+fn done_again(before: &[(Stage, f64)], after: &[(Stage, f64)]) -> Vec<&'static str> {
+    let same = |a: &(Stage, f64), b: &(Stage, f64)| a.0 == b.0 && (a.1 - b.1).abs() <= 1e-9 * a.1.abs();
+    before.iter().filter(|a| !after.iter().any(|b| same(a, b))).map(|(stage, _)| stage.name()).collect()
 }
 
 fn arguments(kind: Kind, inputs: &Path, folder: &Path) -> Vec<String> {
@@ -205,4 +221,18 @@ fn arguments(kind: Kind, inputs: &Path, folder: &Path) -> Vec<String> {
     }
     words.extend(out);
     words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_that_is_gone_or_took_another_time_was_done_again() {
+        let before = [(Stage::Ingest, 0.1), (Stage::Modes, 0.2)];
+        let after = [(Stage::Ingest, 0.1 + 1e-16), (Stage::Modes, 0.2), (Stage::Goal, 0.3)];
+        assert!(done_again(&before, &after).is_empty() && done_again(&[], &after).is_empty());
+        assert_eq!(done_again(&before, &[(Stage::Ingest, 0.1), (Stage::Modes, 0.21)]), ["modes"]);
+        assert_eq!(done_again(&before, &[]), ["ingest", "modes"]);
+    }
 }

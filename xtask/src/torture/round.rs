@@ -12,7 +12,7 @@ use rand_chacha::rand_core::SeedableRng as _;
 
 use super::Stand;
 use super::job::{self, Job};
-use crate::contents::Contents;
+use crate::contents::{Contents, list};
 use crate::process::Running;
 
 /// What a try came to.
@@ -74,23 +74,23 @@ impl<'a> Round<'a> {
         Ok(running.wait_until(begun)? && running.sleep(moment)?)
     }
 
-    /// Goes on with a damaged run, which does so or says why not. What it came to.
-    pub(super) fn mend(job: &Job, folder: &Path, damaged: Option<&str>) -> Result<Outcome> {
+    /// Goes on with a run in which the files `damaged` are, which is done or refused. What it came to.
+    pub(super) fn mend(job: &Job, folder: &Path, damaged: &[String]) -> Result<Outcome> {
         let ended = job.start(folder)?.end()?;
         if !ended.status.success() {
             ended.refused(&[&folder.to_string_lossy()])?;
+            if !damaged.iter().any(|path| is_irreplaceable(path)) {
+                bail!("was refused, though it can be made again: {ended}");
+            }
             return Ok(Outcome::Refused);
         }
-        let Some(damaged) = damaged else {
-            job.expect_same(folder)?;
-            return Ok(Outcome::Resumed);
-        };
         // May stay as it is, if that is said and nothing is made from it.
-        let unneeded = damaged.ends_with(".last.safetensors") || damaged == "rules.json";
-        let left = unneeded && ended.err.contains(damaged);
-        let aside: &[&str] = if left { &[damaged, "run.json"] } else { &[] };
-        job.expect_same_but(folder, aside).context("was believed")?;
-        if left {
+        let unneeded = |path: &&String| path.ends_with(".last.safetensors") || path.as_str() == "rules.json";
+        let left: Vec<&str> =
+            damaged.iter().filter(unneeded).map(String::as_str).filter(|path| ended.err.contains(path)).collect();
+        let aside = if left.is_empty() { Vec::new() } else { [&left[..], &["run.json"]].concat() };
+        job.expect_same_but(folder, &aside).context("was believed")?;
+        if !left.is_empty() {
             Reading::Evaluate
                 .of(job, folder, folder.parent().unwrap_or(folder), false)
                 .context("was believed later")?;
@@ -100,11 +100,24 @@ impl<'a> Round<'a> {
 
     /// Goes on to the end and compares.
     pub(super) fn finish(&mut self, job: &Job, folder: &Path, outcome: Outcome) -> Result<()> {
-        job.start(folder)?.end()?.well()?;
-        job.expect_same(folder)?;
+        Self::go_on(job, folder)?;
         self.outcomes.push(outcome);
         Ok(())
     }
+
+    /// Goes on with an undamaged run, to its end and without doing again what is done, and compares.
+    pub(super) fn go_on(job: &Job, folder: &Path) -> Result<()> {
+        let before = job.done(folder)?;
+        job.start(folder)?.end()?.well()?;
+        job.expect_kept(&before, folder)?;
+        job.expect_same(folder)
+    }
+}
+
+/// Whether a file of a run is made from nothing in it, so that a run without it may be refused.
+fn is_irreplaceable(path: &str) -> bool {
+    let inputs = ["config.toml", "ingest.json", "split.json", "run.json"];
+    inputs.contains(&path) || path.starts_with("recordings/") || path.starts_with("origin/")
 }
 
 /// A command that reads a finished run and writes somewhere else.
@@ -167,7 +180,11 @@ impl Reading {
 /// # Errors
 /// When a file cannot be copied.
 pub(super) fn copy(from: &Path, to: &Path) -> Result<()> {
-    for path in crate::contents::paths(from)? {
+    let (files, empty) = list(from)?;
+    for path in empty {
+        fs::create_dir_all(to.join(&path)).with_context(|| format!("cannot make {path}"))?;
+    }
+    for path in files {
         let place = to.join(&path);
         let parent = place.parent().unwrap_or(to);
         fs::create_dir_all(parent).with_context(|| format!("cannot make {}", parent.display()))?;

@@ -1,6 +1,7 @@
 //! Processes stopped at random moments.
 
 use anyhow::{Result, bail};
+use gnp::Stage;
 use rand::Rng as _;
 
 use super::job::{Job, Kind};
@@ -28,6 +29,7 @@ pub(super) fn kill_other(round: &mut Round<'_>, kind: Kind) -> Result<()> {
 fn kills(round: &mut Round<'_>, job: &Job) -> Result<()> {
     let folder = round.folder("killed")?;
     for _ in 0..round.chance.random_range(1..=3) {
+        let before = job.done(&folder)?;
         let mut running = job.start(&folder)?;
         if round.random_moment(job, &mut running, &folder)? {
             running.send(Signal::Kill)?;
@@ -35,6 +37,7 @@ fn kills(round: &mut Round<'_>, job: &Job) -> Result<()> {
         } else {
             running.end()?.well()?;
         }
+        job.expect_kept(&before, &folder)?;
     }
     round.finish(job, &folder, Outcome::Resumed)
 }
@@ -49,14 +52,16 @@ pub(super) fn interrupt(round: &mut Round<'_>) -> Result<()> {
     let signal = if round.chance.random_bool(0.5) { Signal::Interrupt } else { Signal::Terminate };
     let mut running = job.start(&folder)?;
     let ran = round.random_moment(job, &mut running, &folder)?;
+    // One that was in its last stage may be done before it looks again.
+    let last = job.done(&folder)?.len() + 1 >= Stage::ALL.len();
     if ran {
         running.send(signal)?;
     }
     let ended = running.end()?;
-    // In its first milliseconds nothing listens yet. One that was at its end anyway may be done.
+    // In its first milliseconds nothing listens yet.
     let early = ended.signal() == Some(signal.number()) && !folder.exists();
     let asked = ended.code() == Some(130) && ended.err.contains("stopp");
-    if !(early || asked && ran || ended.status.success()) {
+    if !(early || asked && ran || ended.status.success() && (last || !ran)) {
         bail!("was to stop with exit code 130 and a sentence: {ended}");
     }
     if asked && folder.exists() && !ended.err.contains("--resume --out") {

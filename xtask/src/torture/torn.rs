@@ -4,19 +4,20 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context as _, Result, anyhow};
+use anyhow::{Context as _, Result, anyhow, bail};
 use rand::Rng as _;
-use rand::seq::IndexedRandom as _;
 use rand_chacha::ChaCha8Rng;
 
 use super::history::History;
-use super::round::Round;
+use super::round::{Outcome, Round};
 use crate::process::Signal;
 
 /// How many of the last writes a power cut can reach.
 const REACH: usize = 6;
 /// Size of a block of a disk, bytes.
 const BLOCK: usize = 4096;
+/// Draws until something is torn; half of the kinds of damage always are.
+const DRAWS: usize = 100;
 
 /// A pipeline is killed, its last writes are torn, and it goes on.
 ///
@@ -37,9 +38,11 @@ pub(super) fn play(round: &mut Round<'_>) -> Result<()> {
         killed.and(ended)?;
         history
     })?;
-    let damage = tear(&mut round.chance, &folder, &history)?;
-    let said = || damage.as_ref().map_or_else(|| "nothing torn".to_owned(), |damage| damage.said.clone());
-    let outcome = Round::mend(job, &folder, damage.as_ref().map(|damage| damage.path.as_str())).with_context(said)?;
+    let Some(damage) = tear(&mut round.chance, &folder, &history)? else {
+        round.outcomes.push(Outcome::Skipped("it was killed before it wrote anything".to_owned()));
+        return Round::go_on(job, &folder);
+    };
+    let outcome = Round::mend(job, &folder, &damage.paths).with_context(|| damage.said.clone())?;
     round.outcomes.push(outcome);
     Ok(())
 }
@@ -47,27 +50,37 @@ pub(super) fn play(round: &mut Round<'_>) -> Result<()> {
 /// What was torn.
 #[derive(Clone, Debug)]
 struct Damage {
-    /// The file, or the first of those that are lost.
-    path: String,
+    /// The file, or all that are lost.
+    paths: Vec<String>,
     said: String,
 }
 
-/// Tears what was written last; says what was done.
+/// Tears what was written last; `None` where nothing was written.
 fn tear(chance: &mut ChaCha8Rng, folder: &Path, history: &History) -> Result<Option<Damage>> {
-    let written = history.written();
-    if written.is_empty() {
+    if history.written().is_empty() {
         return Ok(None);
     }
+    // Some draws change nothing: zeros where there were zeros, a file that a later stage removed.
+    for _ in 0..DRAWS {
+        if let Some(damage) = draw(chance, folder, history)? {
+            return Ok(Some(damage));
+        }
+    }
+    bail!("{DRAWS} draws tore nothing")
+}
+
+/// Tears something; `None` where that changes nothing.
+fn draw(chance: &mut ChaCha8Rng, folder: &Path, history: &History) -> Result<Option<Damage>> {
+    let written = history.written();
     let reach = written.len().saturating_sub(REACH)..written.len();
     let deed = chance.random_range(0..4);
     let path = written[chance.random_range(reach.clone())].path.clone();
     let place = folder.join(&path);
     match deed {
         0 | 1 => {
-            // Temporary files are gone or left behind; what is in them matters to nobody.
             let Ok(mut bytes) = fs::read(&place) else { return Ok(None) };
             let before = bytes.clone();
-            let done = if deed == 0 {
+            let said = if deed == 0 {
                 bytes.truncate(chance.random_range(0..bytes.len().max(1)));
                 format!("{path} cut off at {} bytes", bytes.len())
             } else {
@@ -78,29 +91,22 @@ fn tear(chance: &mut ChaCha8Rng, folder: &Path, history: &History) -> Result<Opt
             // Under the same name, but not through the file's other name in the history.
             fs::remove_file(&place).with_context(|| format!("cannot remove {}", place.display()))?;
             fs::write(&place, &bytes).with_context(|| format!("cannot write {}", place.display()))?;
-            Ok((bytes != before).then_some(Damage { path, said: done }))
+            Ok((bytes != before).then(|| Damage { paths: vec![path], said }))
         }
         2 => {
             let first = chance.random_range(reach.clone());
-            let lost: Vec<usize> = (first..reach.end).rev().collect();
-            lost.iter().try_for_each(|index| history.lose(*index))?;
-            let path = written[first].path.clone();
-            Ok(Some(Damage { said: format!("the last {} renames lost, from that of {path} on", lost.len()), path }))
+            (first..reach.end).rev().try_for_each(|index| history.lose(index))?;
+            let said = format!("the last {} renames lost, from that of {} on", reach.end - first, written[first].path);
+            Ok(Some(Damage { paths: written[first..].iter().map(|lost| lost.path.clone()).collect(), said }))
         }
         _ => {
             // The last version of a file, whatever was written after it.
             let of_path: Vec<usize> = reach.filter(|index| written[*index].path == path).collect();
             let Some(index) = of_path.last() else { return Ok(None) };
             history.lose(*index)?;
-            Ok(Some(Damage { said: format!("the rename of {path} lost, later ones kept"), path }))
+            Ok(Some(Damage { said: format!("the rename of {path} lost, later ones kept"), paths: vec![path] }))
         }
     }
-}
-
-/// A random file of `paths` that is not of curves.
-pub(super) fn file<'a>(chance: &mut ChaCha8Rng, paths: &'a [String]) -> Option<&'a String> {
-    let files: Vec<&String> = paths.iter().filter(|path| !crate::contents::in_events(path)).collect();
-    files.choose(chance).copied()
 }
 
 #[cfg(test)]
@@ -126,9 +132,11 @@ mod tests {
                 history.look().unwrap();
             }
             let whole = Contents::read(&folder).unwrap();
-            let said = tear(&mut ChaCha8Rng::seed_from_u64(seed), &folder, &history).unwrap();
+            let damage = tear(&mut ChaCha8Rng::seed_from_u64(seed), &folder, &history).unwrap().unwrap();
             let differences = whole.differences(&Contents::read(&folder).unwrap());
-            assert_eq!(said.is_some(), !differences.is_empty(), "{said:?}: {differences:?}");
+            assert!(!differences.is_empty(), "{damage:?}");
+            let named = |one: &String| damage.paths.iter().any(|path| one.starts_with(path.as_str()));
+            assert!(differences.iter().all(named), "{damage:?}: {differences:?}");
             assert!(!differences.iter().any(|one| one.starts_with("before")), "{differences:?}");
             torn.extend(differences);
         }

@@ -23,16 +23,17 @@ pub(super) fn play(round: &mut Round<'_>) -> Result<()> {
         let _ = running.end()?;
     }
     let mut first = job.start(&folder)?;
-    // Half of the time that a whole run takes is less than what is left of most.
     let share = round.chance.random_range(0.0..0.5);
-    let overlaps = first.sleep(job.total.mul_f64(share))?;
+    first.sleep(job.total.mul_f64(share))?;
     let second = job.start(&folder)?.end()?;
+    // A first one that was killed late and goes on may be done before the second begins.
+    let overlaps = first.runs()?;
     let first = first.end()?;
     let outcome = match (first.status.success(), second.status.success()) {
         (true, true) if overlaps => bail!("both wrote the folder at once: {first}; {second}"),
         (true, true) => Outcome::Resumed,
-        (true, false) => second.refused(&REFUSALS).map(|()| Outcome::Refused)?,
-        (false, true) => first.refused(&REFUSALS).map(|()| Outcome::Refused)?,
+        (true, false) => second.refused_of(&folder, &REFUSALS).map(|()| Outcome::Refused)?,
+        (false, true) => first.refused_of(&folder, &REFUSALS).map(|()| Outcome::Refused)?,
         (false, false) => bail!("neither went on: {first}; {second}"),
     };
     round.finish(job, &folder, outcome).context("after two processes at once")

@@ -25,7 +25,7 @@ const MAX_STEPS: i64 = 100_000;
 
 /// Farthest position that is believed, m from the window's origin: nobody drives there within a window, and
 /// positions on the road instead of in the window's frame are mostly farther.
-pub(super) const FARTHEST_M: f32 = 10_000.;
+pub const FARTHEST_M: f32 = 10_000.;
 
 /// How much of a prediction file to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

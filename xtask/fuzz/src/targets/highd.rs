@@ -251,3 +251,31 @@ fn seeds(_: &Scratch) -> Result<Vec<Vec<u8>>, Finding> {
     let joined = texts.join(BETWEEN);
     Ok(vec![[b"a", &joined[..]].concat(), [b"z", &joined[..]].concat()])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::targets::table_text::read_all;
+
+    /// Changes of these get past the checks: each is read, with so many vehicles.
+    #[test]
+    fn accepted_inputs_are_accepted() {
+        let scratch = Scratch::new().unwrap();
+        for (name, vehicles) in [
+            ("lane-change", 2),
+            ("two-carriageways", 4),
+            ("eleven-vehicles", 11),
+            ("eleven-vehicles-one-left-out", 10),
+            ("eleven-vehicles-one-with-a-gap", 11),
+            ("without-frames-in-meta", 2),
+        ] {
+            let input = std::fs::read(TARGET.folder().join(name)).unwrap();
+            let files: Vec<_> = FILES.into_iter().zip(texts(&input[1..])).collect();
+            scratch.put(&files).unwrap();
+            let read = read_all(scratch.given(), Dataset::HIGHD).unwrap();
+            let mut found: Vec<u32> = read[0].0.tracks().iter().map(|track| track.vehicle).collect();
+            found.dedup();
+            assert_eq!((read.len(), found.len()), (1, vehicles), "{name}");
+        }
+    }
+}

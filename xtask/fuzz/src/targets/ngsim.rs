@@ -187,3 +187,18 @@ fn seeds(_: &Scratch) -> Result<Vec<Vec<u8>>, Finding> {
     };
     [Layout::Period, Layout::Located, Layout::Merged].into_iter().map(seed).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::targets::table_text::read_all;
+
+    #[test]
+    fn one_vehicle_of_eleven_is_left_out() {
+        let scratch = Scratch::new().unwrap();
+        let input = std::fs::read(TARGET.folder().join("eleven-vehicles-one-left-out")).unwrap();
+        let file = scratch.only("case.csv", &input[1..]).unwrap();
+        let read = read_all(&file, Dataset::NGSIM).unwrap();
+        assert_eq!((read.len(), read[0].0.tracks().len()), (1, 10));
+    }
+}

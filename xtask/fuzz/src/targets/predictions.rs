@@ -52,13 +52,19 @@ fn run(scratch: &Scratch, input: &[u8]) -> Result<(), Finding> {
         return read(scratch, &damaged(explained(scratch)?, &damage));
     }
     let Ok(made) = Made::arbitrary(&mut bytes) else { return Ok(()) };
+    let file = written(scratch, &made.windows)?;
+    read(scratch, &damaged(file, &made.damage.0.unwrap_or_default()))
+}
+
+/// A file by the project's writer.
+fn written(scratch: &Scratch, windows: &[MadeWindow]) -> Result<Vec<u8>, Finding> {
     let file = scratch.made("made.parquet");
     let mut writer = PredictionWriter::create(&file, &provenance()).map_err(Finding::case)?;
-    for window in &made.windows {
+    for window in windows {
         writer.write(&window.key(), [1., 2.], &window.forecast()).map_err(Finding::case)?;
     }
     writer.finish().map_err(Finding::case)?;
-    read(scratch, &damaged(std::fs::read(file)?, &made.damage.0.unwrap_or_default()))
+    Ok(std::fs::read(file)?)
 }
 
 fn provenance() -> Provenance {
@@ -167,7 +173,9 @@ fn score(predictions: &Predictions) -> Result<(), Finding> {
     }
 }
 
-/// Files that are small enough, and one of each made-up kind.
-fn seeds(_: &Scratch) -> Result<Vec<Vec<u8>>, Finding> {
-    Ok(vec![vec![0], vec![1; 64], vec![3; 200]])
+/// A file of one window, and one of each made-up kind.
+fn seeds(scratch: &Scratch) -> Result<Vec<Vec<u8>>, Finding> {
+    let window = MadeWindow::arbitrary(&mut Unstructured::new(&[])).map_err(Finding::case)?;
+    let file = [&b"a"[..], &written(scratch, &[window])?].concat();
+    Ok(vec![file, vec![0], vec![1; 64], vec![3; 200]])
 }

@@ -1,7 +1,7 @@
-//! Splits (`split.json`) of a small recording: any text, and changed ones whose hash is put right.
+//! Splits (`split.json`) of small recordings: any text, and changed ones whose hash is put right.
 
 use arbitrary::{Arbitrary, Unstructured};
-use gnp_data::{Split, SplitConfig, SplitKind, Subset, WindowSet};
+use gnp_data::{Recording, Split, SplitConfig, SplitKind, Subset, WindowSet};
 use serde_json::{Map, Value};
 
 use crate::finding::promise;
@@ -11,7 +11,7 @@ use crate::{Finding, Scratch, Target, checks};
 
 pub(super) const TARGET: Target = Target {
     name: "split",
-    about: "split.json of a small recording, its hash put right",
+    about: "split.json of small recordings, its hash put right",
     run,
     seeds,
     words: &[
@@ -25,11 +25,16 @@ pub(super) const TARGET: Target = Target {
     ],
 };
 
-const KINDS: [SplitKind; 3] = [SplitKind::Vehicle, SplitKind::Time, SplitKind::Window];
+const KINDS: [SplitKind; 4] = [SplitKind::Vehicle, SplitKind::Time, SplitKind::Window, SplitKind::Recording];
+
+/// What is split: a recording for each part.
+fn roads() -> Result<[Recording; 3], Finding> {
+    Ok([road("case")?, road("second")?, road("third")?])
+}
 
 fn run(scratch: &Scratch, input: &[u8]) -> Result<(), Finding> {
     let (kind, rest) = kind(input);
-    let recordings = [road("case")?];
+    let recordings = roads()?;
     let (set, _) = WindowSet::cut(&recordings, &windows()).map_err(Finding::case)?;
     if matches!(kind, b'a' | b'h') {
         return load(scratch, &set, rest, kind == b'h');
@@ -127,10 +132,10 @@ fn sound(scratch: &Scratch, set: &WindowSet<'_>, split: &Split) -> Result<(), Fi
 
 /// One of each kind.
 fn seeds(scratch: &Scratch) -> Result<Vec<Vec<u8>>, Finding> {
-    let recordings = [road("case")?];
+    let recordings = roads()?;
     let (set, _) = WindowSet::cut(&recordings, &windows()).map_err(Finding::case)?;
     let mut seeds = Vec::new();
-    for (kind, first) in [(0, b"a"), (0, b"h"), (2, b"h")] {
+    for (kind, first) in [(0, b"a"), (0, b"h"), (2, b"h"), (3, b"h")] {
         let config = Config { kind, seed: 1, folds: 0, fold: 0 };
         seeds.push([first, &saved(scratch, &set, &config).map_err(Finding::case)?[..]].concat());
     }

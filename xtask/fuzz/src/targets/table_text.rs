@@ -56,7 +56,7 @@ pub(super) fn reads(scratch: &Scratch, path: &Path, dataset: Dataset) -> Result<
     }
 }
 
-fn read_all(path: &Path, dataset: Dataset) -> Result<Vec<(Recording, IngestReport)>, DataError> {
+pub(super) fn read_all(path: &Path, dataset: Dataset) -> Result<Vec<(Recording, IngestReport)>, DataError> {
     let mut all = Vec::new();
     for source in discover(path, dataset)? {
         all.extend(read(&source, &Expectation { dataset, rate_hz: None })?);
