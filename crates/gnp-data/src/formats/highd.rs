@@ -14,7 +14,7 @@ use super::findings::Findings;
 use super::table::sniff::{Head, Separator};
 use super::table::{Kind, Table};
 use crate::dataset::Dataset;
-use crate::discover::FoundFiles;
+use crate::discover::{FoundFile, FoundFiles};
 use crate::error::DataError;
 use crate::format::{Format, Source, check_rate};
 use crate::ingest_report::IngestReport;
@@ -212,7 +212,10 @@ fn sources(found: &FoundFiles) -> Result<Vec<Source>, DataError> {
     }
     let mut groups: BTreeMap<String, Group> = BTreeMap::new();
     let mut wanted: BTreeSet<String> = BTreeSet::new();
-    for file in found.files() {
+    let mut files: Vec<&FoundFile> = found.files().iter().collect();
+    // Of two of one kind the one asked for, else the shorter name is read: `03_tracks (1).csv` is a browser's copy.
+    files.sort_by_key(|file| (!file.asked, file.stem().len()));
+    for file in files {
         let (stem, path, asked) = (file.stem(), &file.path, file.asked);
         let name = found.name(file, stem.rsplit_once('_').map_or(stem.as_str(), |(name, _)| name));
         // Beside a single file that is asked for, other recordings do not matter.
@@ -231,7 +234,10 @@ fn sources(found: &FoundFiles) -> Result<Vec<Source>, DataError> {
         group.simulated |= file.simulated;
         match group.parts.entry(part) {
             Entry::Vacant(place) => drop(place.insert(path.clone())),
-            Entry::Occupied(_) => group.notes.push(format!("{} is there twice and was not read", path.display())),
+            Entry::Occupied(first) => {
+                let (path, first) = (path.display(), first.get().display());
+                group.notes.push(format!("{path} is of the same recording as {first} and was not read"));
+            }
         }
         if asked {
             wanted.insert(name);
