@@ -195,7 +195,7 @@ fn recognise(file: &Path, head: &Head) -> Result<Option<(TableKind, Table)>, Dat
             table.find(&[column], Kind::Real)?;
         }
         for column in needed {
-            table.want(&column.to_ascii_lowercase(), Kind::Real)?;
+            table.want(column, Kind::Real)?;
         }
         return Ok(Some((part, table)));
     }

@@ -169,7 +169,7 @@ fn recognise(file: &Path, head: &Head) -> Result<Option<Table>, DataError> {
     if fields != COLUMNS.len() {
         return Err(DataError::FieldCount { file: file.into(), line: 1, found: fields, expected: COLUMNS.len() });
     }
-    let names = COLUMNS.map(str::to_ascii_lowercase).to_vec();
+    let names = COLUMNS.map(str::to_owned).to_vec();
     Ok(Some(Table { has_header: false, ..Table::new(file, Header { separator, names }) }))
 }
 

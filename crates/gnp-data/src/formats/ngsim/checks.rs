@@ -180,7 +180,7 @@ pub(super) fn feet_of_lengths(table: &Table, part: &Part) -> Result<(), DataErro
     }
     Err(DataError::Unit {
         file: table.file.clone(),
-        place: "column `v_length`".into(),
+        place: "column `v_Length`".into(),
         what: format!("half of the vehicles are shorter than {median:.2} m when read as feet"),
         remedy: "the table seems to be in metres; NGSIM is read in feet, take the original file",
     })
@@ -202,7 +202,7 @@ pub(super) fn feet_of_lanes(table: &Table, width: Option<f32>) -> Result<(), Dat
     } else {
         return Ok(());
     };
-    Err(DataError::Unit { file: table.file.clone(), place: "column `local_x`".into(), what, remedy })
+    Err(DataError::Unit { file: table.file.clone(), place: "column `Local_X`".into(), what, remedy })
 }
 
 /// Refuses positions from which vehicles move faster than they can.
@@ -214,7 +214,7 @@ pub(super) fn feet_of_positions(table: &Table, recording: &Recording) -> Result<
     }
     Err(DataError::Unit {
         file: table.file.clone(),
-        place: "columns `local_x`, `local_y`".into(),
+        place: "columns `Local_X`, `Local_Y`".into(),
         what: format!("{fast} of {} rows move faster than {MAX_RECORDED_SPEED} m/s", recording.len()),
         remedy: "the values seem not to be feet, or frames are missing; take the original file",
     })

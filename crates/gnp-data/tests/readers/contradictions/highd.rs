@@ -467,5 +467,5 @@ fn highd_speeds_of_one_fast_vehicle() {
     assert_eq!((recording.tracks().len(), counted(&report).0), (24, vec![]));
     let error = at(101.).unwrap_err();
     assert!(matches!(error, DataError::Value { line: 362, .. }), "{error}");
-    says(&error, &["05_tracks.csv", "xvelocity", "101.0 m/s", "repair"]);
+    says(&error, &["05_tracks.csv", "xVelocity", "101.0 m/s", "repair"]);
 }
