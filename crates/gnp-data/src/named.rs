@@ -126,7 +126,9 @@ impl Placed<'_> {
         }
         let (ahead, left) = (self.x[other] - self.x[row], self.y[other] - self.y[row]);
         // 0 is an unknown lane: then the distance across the road alone tells.
-        let same_lane = self.lane[row] != 0 && self.lane[other] == self.lane[row];
+        let unknown = self.lane[row] == 0 || self.lane[other] == 0;
+        let same_lane = !unknown && self.lane[other] == self.lane[row];
+        let near = if unknown { HALF_LANE + TOLERANCE } else { HALF_LANE };
         let lengthwise = match slot {
             Slot::Preceding | Slot::LeftPreceding | Slot::RightPreceding => ahead >= -TOLERANCE,
             Slot::Following | Slot::LeftFollowing | Slot::RightFollowing => ahead <= TOLERANCE,
@@ -135,7 +137,7 @@ impl Placed<'_> {
             }
         };
         let lateral = match slot {
-            Slot::Preceding | Slot::Following => same_lane || left.abs() < HALF_LANE,
+            Slot::Preceding | Slot::Following => same_lane || left.abs() < near,
             Slot::LeftPreceding | Slot::LeftAlongside | Slot::LeftFollowing => {
                 left > -TOLERANCE && (!same_lane || left > HALF_LANE)
             }
@@ -217,7 +219,7 @@ mod tests {
     #[test]
     fn unknown_lanes_are_judged_by_the_distance_across_the_road() {
         for lanes in [[0, 0], [0, 3], [3, 0]] {
-            assert!(!taken_in(lanes, Slot::Preceding, 20., 3.5) && taken_in(lanes, Slot::Preceding, 20., 1.5));
+            assert!(!taken_in(lanes, Slot::Preceding, 20., 3.5) && taken_in(lanes, Slot::Preceding, 20., 2.5));
             assert!(
                 taken_in(lanes, Slot::LeftPreceding, 20., 1.5) && taken_in(lanes, Slot::RightFollowing, -20., -1.5)
             );

@@ -288,11 +288,14 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
     let mut kept = all.without(&findings.left_out());
     let rows_left_out = rows - kept.vehicle.len();
     checks::lanes(&tables, &stated.roads, &mut kept, &mut findings)?;
+    let left_out = kept.names_of(&findings.left_out());
     let (rows, bodies, picked) = kept.into_rows();
     let meta = RecordingMeta::new(Dataset::HIGHD, stated.site.clone(), source.name.clone(), stated.rate_hz)
         .with_simulated(source.simulated);
     let (recording, mut quality, names) = Recording::with_names(meta, stated.roads.clone(), rows, |row| bodies[row])?;
-    checks::neighbours(tracks, &names, recording.len(), |row| picked.get(row).map_or(row, |row| *row as usize))?;
+    checks::neighbours(tracks, &names, left_out, recording.len(), |row| {
+        picked.get(row).map_or(row, |row| *row as usize)
+    })?;
     quality.notes = checks::counts(&tables, &stated, &listed, quality.frames)?;
     quality.notes.extend(stated.notes.into_iter().chain(notes));
     quality.notes.extend(source.notes.iter().cloned());

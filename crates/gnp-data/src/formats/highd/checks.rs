@@ -278,20 +278,22 @@ pub(super) fn lanes(
     Ok(())
 }
 
-/// Refuses a column of neighbours most of which are not there, in a recording of so many `rows`; `place` gives the row
-/// of the file of a row.
+/// Refuses a column of neighbours most of which are not there, in a recording of so many `rows`. Names of vehicles that
+/// were `left_out` here, so many for each slot, are no fault of the column; `place` gives the row of the file of a row.
 ///
 /// # Errors
 /// When there is one.
 pub(super) fn neighbours(
     table: &Table,
     names: &[Names; SLOTS],
+    left_out: [usize; SLOTS],
     rows: usize,
     place: impl Fn(usize) -> usize,
 ) -> Result<(), DataError> {
-    for (column, Names { named, wrong, first }) in TRACKS[TRACKS.len() - 1 - SLOTS..].iter().zip(names) {
-        let tally = Tally { count: *wrong, first: first.map(&place) };
-        if tally.exceeds(MAX_DOUBTED, *named) && tally.exceeds(MIN_WRONG_NAMES, rows) {
+    for ((column, names), left_out) in TRACKS[TRACKS.len() - 1 - SLOTS..].iter().zip(names).zip(left_out) {
+        let (named, wrong) = (names.named.saturating_sub(left_out), names.wrong.saturating_sub(left_out));
+        let tally = Tally { count: wrong, first: names.first.map(&place) };
+        if tally.exceeds(MAX_DOUBTED, named) && tally.exceeds(MIN_WRONG_NAMES, rows) {
             let what = format!("{wrong} of {named} values name vehicles that are not there");
             return Err(table.contradiction(tally.first, column, what, NEIGHBOURS));
         }

@@ -450,6 +450,16 @@ fn one_highd_vehicle_does_not_condemn_a_small_recording() {
     let report = few(3..=3).unwrap().1;
     assert_eq!(counted(&report).0, [("have another velocity than their positions", 1)]);
     says(&few(3..=4).unwrap_err(), &["2 of 8 vehicles have another velocity"]);
+    // Nor do those that name it.
+    let (_, report) = highd(|made| {
+        let three = [1, 3, 5];
+        made.lines.retain(|line| three.contains(&line.id));
+        made.vehicles.retain(|it| three.contains(&it.id));
+        made.lines_of(3..=3).for_each(|line| line.v[0] = 0.);
+        made.lines_of(5..=5).for_each(|line| line.neighbours[1] = 0);
+    })
+    .unwrap();
+    assert_eq!((report.vehicles, report.unknown_neighbours as i64), (2, 2 * FRAMES));
 }
 
 #[test]
