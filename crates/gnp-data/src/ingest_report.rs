@@ -146,14 +146,24 @@ impl IngestReport {
         }
     }
 
-    /// What is not a column of a table: rows and vehicles left out, contradictions, vehicles ahead, notes; a sentence
+    /// What is not a column of a table: rows, vehicles and neighbours left out, contradictions, vehicles ahead, notes; a sentence
     /// each.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
+        let many = |n: u64, one: &str| if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") };
+        let skipped = self.skipped_rows.iter();
         let mut remarks: Vec<String> =
-            self.skipped_rows.iter().map(|(reason, rows)| format!("{rows} rows left out: {reason}")).collect();
-        remarks.extend(self.vehicles_left_out.iter().map(|(why, n)| format!("{n} vehicles left out: they {why}")));
+            skipped.map(|(reason, rows)| format!("{} left out: {reason}", many(*rows, "row"))).collect();
+        remarks.extend(self.vehicles_left_out.iter().map(|(why, n)| match n {
+            1 => format!("1 vehicle left out, of those that {why}"),
+            n => format!("{n} vehicles left out: they {why}"),
+        }));
         remarks.extend(self.contradictions.iter().map(|(what, n)| format!("{n} {what}")));
+        match self.unknown_neighbours {
+            0 => {}
+            1 => remarks.push("1 neighbour named has no row in the frame: not taken".to_owned()),
+            n => remarks.push(format!("{n} neighbours named have no row in the frame: not taken")),
+        }
         if self.named_leaders > 0 {
             remarks.push(format!("{} rows tell a vehicle ahead that has no row of its own", self.named_leaders));
         }

@@ -125,7 +125,10 @@ impl Placed<'_> {
             return Some("a vehicle of the other carriageway");
         }
         let (ahead, left) = (self.x[other] - self.x[row], self.y[other] - self.y[row]);
-        let same_lane = self.lane[other] == self.lane[row];
+        // 0 is an unknown lane: then the distance across the road alone tells.
+        let unknown = self.lane[row] == 0 || self.lane[other] == 0;
+        let same_lane = !unknown && self.lane[other] == self.lane[row];
+        let near = if unknown { HALF_LANE + TOLERANCE } else { HALF_LANE };
         let lengthwise = match slot {
             Slot::Preceding | Slot::LeftPreceding | Slot::RightPreceding => ahead >= -TOLERANCE,
             Slot::Following | Slot::LeftFollowing | Slot::RightFollowing => ahead <= TOLERANCE,
@@ -134,7 +137,7 @@ impl Placed<'_> {
             }
         };
         let lateral = match slot {
-            Slot::Preceding | Slot::Following => same_lane || left.abs() < HALF_LANE,
+            Slot::Preceding | Slot::Following => same_lane || left.abs() < near,
             Slot::LeftPreceding | Slot::LeftAlongside | Slot::LeftFollowing => {
                 left > -TOLERANCE && (!same_lane || left > HALF_LANE)
             }
@@ -181,8 +184,13 @@ mod tests {
     /// Whether vehicle 2 at `(x, y)` in `lane`, 5 m long as all, is taken for `slot` of vehicle 1, which is at the
     /// origin in lane 3.
     fn taken(slot: Slot, x: f32, y: f32, lane: i16) -> bool {
+        taken_in([3, lane], slot, x, y)
+    }
+
+    /// The same with the lanes of both.
+    fn taken_in(lanes: [i16; 2], slot: Slot, x: f32, y: f32) -> bool {
         let tracks = [Track::new(1, [5., 2.], 0, 0..1), Track::new(2, [5., 2.], 0, 1..2)];
-        let placed = Placed { tracks: &tracks, x: &[0., x], y: &[0., y], lane: &[3, lane] };
+        let placed = Placed { tracks: &tracks, x: &[0., x], y: &[0., y], lane: &lanes };
         let mut ids: [Vec<i32>; SLOTS] = std::array::from_fn(|_| vec![0, 0]);
         ids[slot.index()][0] = 2;
         let named = placed.named(&ids, |row| row);
@@ -206,6 +214,17 @@ mod tests {
         assert!(taken(Slot::Preceding, 20., 3., 3) && taken(Slot::Preceding, 20., 1., 2));
         assert!(!taken(Slot::Preceding, -20., 0., 3) && !taken(Slot::Preceding, 20., 3.5, 2));
         assert!(taken(Slot::Following, -20., 0., 3) && !taken(Slot::Following, 20., 0., 3));
+    }
+
+    #[test]
+    fn unknown_lanes_are_judged_by_the_distance_across_the_road() {
+        for lanes in [[0, 0], [0, 3], [3, 0]] {
+            assert!(!taken_in(lanes, Slot::Preceding, 20., 3.5) && taken_in(lanes, Slot::Preceding, 20., 2.5));
+            assert!(
+                taken_in(lanes, Slot::LeftPreceding, 20., 1.5) && taken_in(lanes, Slot::RightFollowing, -20., -1.5)
+            );
+            assert!(!taken_in(lanes, Slot::LeftPreceding, 20., -3.5));
+        }
     }
 
     #[test]

@@ -92,17 +92,17 @@ fn a_truncated_archive() {
 
 #[test]
 fn a_value_that_is_no_number() {
-    ngsim(scene_with(7, field(4, "NaN"))).badly(&["scene.csv", "line 7", "local_x"]);
+    ngsim(scene_with(7, field(4, "NaN"))).badly(&["scene.csv", "line 7", "Local_X"]);
 }
 
 #[test]
 fn a_negative_size() {
-    ngsim(scene_with(3, field(8, "-15.0"))).badly(&["scene.csv", "line 3", "v_length"]);
+    ngsim(scene_with(3, field(8, "-15.0"))).badly(&["scene.csv", "line 3", "v_Length"]);
 }
 
 #[test]
 fn feet_where_metres_are_due_and_the_other_way_round() {
-    ngsim(scene_with(2, field(11, "400.0"))).badly(&["scene.csv", "v_vel"]);
+    ngsim(scene_with(2, field(11, "400.0"))).badly(&["scene.csv", "v_Vel"]);
     highd(|text| text.replace("3.00;6.80;10.60", "9.84;22.31;34.78"), same)
         .badly(&["01_recordingMeta.csv", "upperLaneMarkings"]);
 }

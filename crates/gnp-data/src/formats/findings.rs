@@ -15,6 +15,9 @@ pub(super) const MAX_LEFT_OUT: f64 = 0.1;
 /// column is not what its name says.
 pub(super) const MAX_DOUBTED: f64 = 0.5;
 
+/// From so many things that can be judged on, a contradiction of most of them is one of the whole.
+pub(super) const MIN_JUDGED: usize = 3;
+
 /// How often something was found, and in which row of the file first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Tally {

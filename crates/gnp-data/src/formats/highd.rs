@@ -14,7 +14,7 @@ use super::findings::Findings;
 use super::table::sniff::{Head, Separator};
 use super::table::{Kind, Table};
 use crate::dataset::Dataset;
-use crate::discover::FoundFiles;
+use crate::discover::{FoundFile, FoundFiles};
 use crate::error::DataError;
 use crate::format::{Format, Source, check_rate};
 use crate::ingest_report::IngestReport;
@@ -195,7 +195,7 @@ fn recognise(file: &Path, head: &Head) -> Result<Option<(TableKind, Table)>, Dat
             table.find(&[column], Kind::Real)?;
         }
         for column in needed {
-            table.want(&column.to_ascii_lowercase(), Kind::Real)?;
+            table.want(column, Kind::Real)?;
         }
         return Ok(Some((part, table)));
     }
@@ -212,7 +212,10 @@ fn sources(found: &FoundFiles) -> Result<Vec<Source>, DataError> {
     }
     let mut groups: BTreeMap<String, Group> = BTreeMap::new();
     let mut wanted: BTreeSet<String> = BTreeSet::new();
-    for file in found.files() {
+    let mut files: Vec<&FoundFile> = found.files().iter().collect();
+    // Of two of one kind the one asked for, else the shorter name is read: `03_tracks (1).csv` is a browser's copy.
+    files.sort_by_key(|file| (!file.asked, file.stem().len()));
+    for file in files {
         let (stem, path, asked) = (file.stem(), &file.path, file.asked);
         let name = found.name(file, stem.rsplit_once('_').map_or(stem.as_str(), |(name, _)| name));
         // Beside a single file that is asked for, other recordings do not matter.
@@ -231,7 +234,10 @@ fn sources(found: &FoundFiles) -> Result<Vec<Source>, DataError> {
         group.simulated |= file.simulated;
         match group.parts.entry(part) {
             Entry::Vacant(place) => drop(place.insert(path.clone())),
-            Entry::Occupied(_) => group.notes.push(format!("{} is there twice and was not read", path.display())),
+            Entry::Occupied(first) => {
+                let (path, first) = (path.display(), first.get().display());
+                group.notes.push(format!("{path} is of the same recording as {first} and was not read"));
+            }
         }
         if asked {
             wanted.insert(name);
@@ -282,11 +288,14 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
     let mut kept = all.without(&findings.left_out());
     let rows_left_out = rows - kept.vehicle.len();
     checks::lanes(&tables, &stated.roads, &mut kept, &mut findings)?;
+    let left_out = kept.names_of(&findings.left_out());
     let (rows, bodies, picked) = kept.into_rows();
     let meta = RecordingMeta::new(Dataset::HIGHD, stated.site.clone(), source.name.clone(), stated.rate_hz)
         .with_simulated(source.simulated);
     let (recording, mut quality, names) = Recording::with_names(meta, stated.roads.clone(), rows, |row| bodies[row])?;
-    checks::neighbours(tracks, &names, recording.len(), |row| picked.get(row).map_or(row, |row| *row as usize))?;
+    checks::neighbours(tracks, &names, left_out, recording.len(), |row| {
+        picked.get(row).map_or(row, |row| *row as usize)
+    })?;
     quality.notes = checks::counts(&tables, &stated, &listed, quality.frames)?;
     quality.notes.extend(stated.notes.into_iter().chain(notes));
     quality.notes.extend(source.notes.iter().cloned());

@@ -47,21 +47,22 @@ impl Motion<'_> {
         steps.map(|i| self.x[i] - self.x[i - 1]).sum::<f32>() < BACKWARDS
     }
 
-    /// Whether the velocity that its rows state, m/s, is another than that of its positions.
-    pub(super) fn contradicts(&self, rows: Range<usize>, stated: impl Fn(usize) -> [f32; 2]) -> bool {
-        let (mut off, mut speeds) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
-        let (mut lateral, mut wrong) = (0, 0);
-        for (i, [dx, dy]) in self.slopes(rows) {
-            let [vx, vy] = stated(i);
-            off.push((vx - dx).abs());
-            speeds.push(dx.abs());
-            if dy.abs() > LATERAL {
-                lateral += 1;
-                wrong += usize::from((vy - dy).abs() > LATERAL_TOLERANCE.0 + LATERAL_TOLERANCE.1 * dy.abs());
-            }
+    /// Whether the velocity along the road that its rows state, m/s, is another than that of its positions.
+    pub(super) fn contradicts(&self, rows: Range<usize>, stated: &[f32]) -> bool {
+        let (mut off, mut speeds): (Vec<f32>, Vec<f32>) =
+            self.slopes(rows).map(|(i, [dx, _])| ((stated[i] - dx).abs(), dx.abs())).unzip();
+        exceeds(&mut off, &mut speeds, SPEED_TOLERANCE)
+    }
+
+    /// Whether the velocity across the road that its rows state, m/s, is another than that of its positions; `None`
+    /// where it does not move sideways for long enough to tell.
+    pub(super) fn contradicts_sideways(&self, rows: Range<usize>, stated: &[f32]) -> Option<bool> {
+        let (mut moving, mut wrong) = (0, 0);
+        for (i, [_, dy]) in self.slopes(rows).filter(|(_, [_, dy])| dy.abs() > LATERAL) {
+            moving += 1;
+            wrong += usize::from((stated[i] - dy).abs() > LATERAL_TOLERANCE.0 + LATERAL_TOLERANCE.1 * dy.abs());
         }
-        let enough = lateral as f64 >= LATERAL_TIME * self.rate_hz;
-        exceeds(&mut off, &mut speeds, SPEED_TOLERANCE) || (enough && wrong * 2 > lateral)
+        (moving as f64 >= LATERAL_TIME * self.rate_hz).then_some(wrong * 2 > moving)
     }
 
     /// How many of its rows state another velocity, m/s, than that of their positions, and the first.
@@ -151,13 +152,17 @@ mod tests {
     fn a_velocity_is_compared_in_sign_and_size() {
         let (frame, x, y) = made(0.5);
         let motion = Motion { frame: &frame, x: &x, y: &y, rate_hz: 10. };
-        let contradicts = |v: [f32; 2]| motion.contradicts(0..30, |_| v);
-        for good in [[20., 0.5], [22.5, 0.6], [18., 0.3]] {
-            assert!(!contradicts(good), "{good:?}");
+        for (speed, wrong) in
+            [20., 22.5, 18., 0., -20., 72., 25.].into_iter().zip([false, false, false, true, true, true, true])
+        {
+            assert_eq!(motion.contradicts(0..30, &[speed; 30]), wrong, "{speed}");
         }
-        for bad in [[0., 0.5], [-20., 0.5], [72., 0.5], [25., 0.5], [20., -0.5], [20., 0.]] {
-            assert!(contradicts(bad), "{bad:?}");
+        for (drift, wrong) in [0.5, 0.6, 0.3, -0.5, 0.].into_iter().zip([false, false, false, true, true]) {
+            assert_eq!(motion.contradicts_sideways(0..30, &[drift; 30]), Some(wrong), "{drift}");
         }
+        let (_, x, y) = made(0.2);
+        let straight = Motion { frame: &frame, x: &x, y: &y, rate_hz: 10. };
+        assert_eq!(straight.contradicts_sideways(0..30, &[-0.2; 30]), None);
         let speed = |v: f32| motion.contradicts_speed(0..30, &[v; 30]);
         assert!(!speed(20.) && !speed(25.) && speed(0.) && speed(65.));
     }
@@ -170,7 +175,7 @@ mod tests {
         again[20..].iter_mut().for_each(|x| *x -= 40.);
         let frame: Vec<u32> = (0..30).map(|i| if i < 20 { i } else { i + 100 }).collect();
         let motion = Motion { frame: &frame, x: &again, y: &y, rate_hz: 10. };
-        assert!(!motion.is_backwards(0..30) && !motion.contradicts(0..30, |_| [20., 0.]));
+        assert!(!motion.is_backwards(0..30) && !motion.contradicts(0..30, &[20.; 30]));
         let reversed: Vec<f32> = x.iter().rev().copied().collect();
         assert!(Motion { x: &reversed, ..motion }.is_backwards(0..30));
     }

@@ -168,7 +168,7 @@ fn recognise(file: &Path, head: &Head) -> Result<Option<Table>, DataError> {
     if fields != COLUMNS.len() {
         return Err(DataError::FieldCount { file: file.into(), line: 1, found: fields, expected: COLUMNS.len() });
     }
-    let names = COLUMNS.map(str::to_ascii_lowercase).to_vec();
+    let names = COLUMNS.map(str::to_owned).to_vec();
     Ok(Some(Table { has_header: false, ..Table::new(file, Header { separator, names }) }))
 }
 
@@ -235,6 +235,12 @@ fn read(source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestR
     Ok(recordings)
 }
 
+/// The name of a site that is read.
+fn motorway(word: &str) -> Option<String> {
+    let site = word.trim().to_ascii_lowercase();
+    SITES.contains(&site.as_str()).then_some(site)
+}
+
 /// Site of every row by code, the list of sites with `None` for those that are not motorways, and
 /// the rows of the latter.
 fn sites_of<'a>(raw: &'a Raw, source: &Source) -> (Sites<'a>, BTreeMap<String, u64>) {
@@ -248,12 +254,12 @@ fn sites_of<'a>(raw: &'a Raw, source: &Source) -> (Sites<'a>, BTreeMap<String, u
         rows[usize::from(*code)] += 1;
     }
     let names = words.iter().zip(rows).map(|(word, rows)| {
-        let site = word.trim().to_ascii_lowercase();
-        if SITES.contains(&site.as_str()) {
-            return Some(site);
+        let site = motorway(word);
+        if site.is_none() {
+            let street = word.trim().to_ascii_lowercase();
+            *skipped.entry(format!("site {street} is not a motorway")).or_insert(0) += rows;
         }
-        *skipped.entry(format!("site {site} is not a motorway")).or_insert(0) += rows;
-        None
+        site
     });
     let names = names.collect();
     (Sites { codes, names }, skipped)

@@ -49,7 +49,7 @@ pub(super) enum Kind {
 #[derive(Clone, Debug)]
 pub(super) struct Table {
     pub(super) file: PathBuf,
-    /// Names in lower case.
+    /// Names as they are written; case tells no two apart.
     pub(super) columns: Vec<String>,
     pub(super) separator: Separator,
     pub(super) has_header: bool,

@@ -49,14 +49,14 @@ fn a_missing_column() {
     let text = good().replace("Local_Y", "Elsewhere");
     let error = ngsim(&text);
     assert!(matches!(&error, DataError::MissingColumn { column, .. } if column == "Local_Y"), "{error}");
-    says(&error, &["bad.csv", "line 1", "Local_Y", "elsewhere", "restore"]);
+    says(&error, &["bad.csv", "line 1", "Local_Y", "Elsewhere", "restore"]);
 
     let error = highd(|files| files.tracks = files.tracks.replace("leftAlongsideId", "leftId"));
-    says(&error, &["05_tracks.csv", "line 1", "leftalongsideid", "restore"]);
+    says(&error, &["05_tracks.csv", "line 1", "leftAlongsideId", "restore"]);
     let error = highd(|files| files.tracks_meta = files.tracks_meta.replace(",class,", ",kind,"));
     says(&error, &["05_tracksMeta.csv", "class"]);
     let error = highd(|files| files.recording_meta = files.recording_meta.replace("lowerLaneMarkings", "lower"));
-    says(&error, &["05_recordingMeta.csv", "lowerlanemarkings"]);
+    says(&error, &["05_recordingMeta.csv", "lowerLaneMarkings"]);
 }
 
 #[test]
@@ -92,20 +92,20 @@ fn a_truncated_gzip() {
 fn a_value_that_is_no_number() {
     for (value, reason) in [("NaN", "not finite"), ("inf", "not finite"), ("", "empty"), ("n/a", "not a number")] {
         let error = ngsim(&with(&good(), 17, 5, value));
-        assert!(matches!(&error, DataError::Value { line: 17, column, .. } if column == "local_x"), "{value}: {error}");
-        says(&error, &["bad.csv", "line 17", "local_x", reason, "repair the value", "row"][..4]);
+        assert!(matches!(&error, DataError::Value { line: 17, column, .. } if column == "Local_X"), "{value}: {error}");
+        says(&error, &["bad.csv", "line 17", "Local_X", reason, "repair the value", "row"][..4]);
     }
     let error = ngsim(&with(&good(), 9, 1, "1.5"));
-    says(&error, &["line 9", "vehicle_id", "whole"]);
+    says(&error, &["line 9", "Vehicle_ID", "whole"]);
     let error = ngsim(&with(&good(), 9, 2, "-3"));
-    says(&error, &["line 9", "frame_id", "negative"]);
+    says(&error, &["line 9", "Frame_ID", "negative"]);
 
     // Blank lines count as lines.
     let error = ngsim(&with(&good(), 17, 5, "NaN").replacen("\n1,", "\n\n\n1,", 1));
-    says(&error, &["line 19", "local_x"]);
+    says(&error, &["line 19", "Local_X"]);
 
     let error = highd(|files| files.tracks = with(&files.tracks, 23, 7, "nan"));
-    says(&error, &["05_tracks.csv", "line 23", "xvelocity", "not finite"]);
+    says(&error, &["05_tracks.csv", "line 23", "xVelocity", "not finite"]);
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn a_size_that_is_not_positive() {
     for value in ["-16.4", "0"] {
         let error = ngsim(&with(&good(), 12, 9, value));
         assert!(matches!(error, DataError::Value { line: 12, .. }), "{error}");
-        says(&error, &["bad.csv", "line 12", "v_length", "positive"]);
+        says(&error, &["bad.csv", "line 12", "v_Length", "positive"]);
     }
     let error = highd(|files| files.tracks = with(&files.tracks, 8, 6, "-2.00"));
     says(&error, &["05_tracks.csv", "line 8", "height", "positive"]);
@@ -164,7 +164,7 @@ fn markings_that_make_no_lanes() {
         says(&error, &["05_recordingMeta.csv", "line 2", "upperLaneMarkings", bad, "separated by `;`"]);
     }
     let error = highd(|files| files.recording_meta = files.recording_meta.replace("0.50;4.00;7.50", ""));
-    says(&error, &["05_recordingMeta.csv", "line 2", "upperlanemarkings", "empty"]);
+    says(&error, &["05_recordingMeta.csv", "line 2", "upperLaneMarkings", "empty"]);
 }
 
 #[test]
@@ -244,11 +244,11 @@ fn feet_where_metres_are_due_and_metres_where_feet_are() {
     };
     let error = scaled(0.3048);
     assert!(matches!(error, DataError::Unit { .. }), "{error}");
-    says(&error, &["bad.csv", "v_length", "metres"]);
+    says(&error, &["bad.csv", "v_Length", "metres"]);
     let error = scaled(3.28);
-    says(&error, &["bad.csv", "local_x", "12.0 m wide", "8 m"]);
+    says(&error, &["bad.csv", "Local_X", "12.0 m wide", "8 m"]);
     let error = ngsim(&with(&good(), 6, 12, "240"));
-    says(&error, &["bad.csv", "line 6", "v_vel", "73"]);
+    says(&error, &["bad.csv", "line 6", "v_Vel", "73"]);
 }
 
 #[test]
@@ -256,7 +256,7 @@ fn rows_that_move_too_fast() {
     // 40 ft a frame is 122 m/s.
     let mut fast = rows(&[(1, 1, 0.), (2, 2, 300.)], 0..10);
     fast.iter_mut().for_each(|row| row.y *= 8.);
-    says(&ngsim(&csv(&fast)), &["bad.csv", "local_y", "70 m/s"]);
+    says(&ngsim(&csv(&fast)), &["bad.csv", "Local_Y", "70 m/s"]);
 }
 
 #[test]
@@ -272,7 +272,7 @@ fn partners_that_do_not_fit() {
     assert!(matches!(error, DataError::UnknownVehicle { line: 22, vehicle: 3, .. }), "{error}");
     says(&error, &["05_tracks.csv", "line 22", "05_tracksMeta.csv"]);
     let error = highd(|files| files.tracks_meta = files.tracks_meta.replace("Truck,1", "Truck,3"));
-    says(&error, &["05_tracksMeta.csv", "line 3", "drivingdirection"]);
+    says(&error, &["05_tracksMeta.csv", "line 3", "drivingDirection"]);
     let error = highd(|files| files.tracks_meta = files.tracks_meta.replace("Truck", "Tram"));
     says(&error, &["05_tracksMeta.csv", "line 3", "Tram"]);
 }
@@ -289,7 +289,7 @@ fn every_file_stays_as_it_was() {
 #[test]
 fn a_frame_far_from_all_others() {
     let error = ngsim(&with(&good(), 11, 2, "2000000000"));
-    says(&error, &["bad.csv", "line 11", "frame_id", "2000000000", "repair"]);
+    says(&error, &["bad.csv", "line 11", "Frame_ID", "2000000000", "repair"]);
 }
 
 #[test]

@@ -184,6 +184,22 @@ fn known_kinds_are_answered_with_their_name_and_what_to_do() {
 }
 
 #[test]
+fn a_copy_of_a_file_of_highd_is_named_and_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    scene().put(folder.path(), "05");
+    let good = read_all(folder.path(), Dataset::HIGHD).unwrap();
+    let copy = put(folder.path(), "05_tracks (1).csv", &scene().tracks.replace(",25,", ",24,"));
+    let all = read_all(folder.path(), Dataset::HIGHD).unwrap();
+    assert_eq!(all[0].0.columns(), good[0].0.columns());
+    let note = all[0].1.notes.last().unwrap();
+    assert!(note.contains("05_tracks (1).csv is of the same recording as"), "{note}");
+    assert!(note.contains("05_tracks.csv and was not read"), "{note}");
+    // Unless it is asked for.
+    let all = read_all(&copy, Dataset::HIGHD).unwrap();
+    assert!(all[0].1.notes.last().unwrap().contains("(1).csv and was not read"));
+}
+
+#[test]
 fn empty_files_and_lists_of_numbers_beside_recordings() {
     for dataset in [Dataset::NGSIM, Dataset::HIGHD] {
         let folder = tempfile::tempdir().unwrap();

@@ -77,7 +77,7 @@ fn the_columns_need_not_be_there_and_need_not_be_right() {
     }
     let (wrong, report) = read(&table(|vehicle, _| ("9".into(), if vehicle == 3 { "NaN".into() } else { "9".into() })));
     assert_eq!(wrong.columns(), read(&plain).0.columns());
-    assert!(report.notes.iter().any(|note| note.contains("space_headway")), "{:?}", report.notes);
+    assert!(report.notes.iter().any(|note| note.contains("Space_Headway")), "{:?}", report.notes);
 }
 
 #[test]

@@ -78,6 +78,28 @@ fn rows_in_any_order_and_repeated_give_the_same_recordings() {
 }
 
 #[test]
+fn what_is_wrong_in_rows_of_streets_does_not_matter() {
+    let folder = tempfile::tempdir().unwrap();
+    let street = line(&rows(&[(1, 1, 50.)], 0..1)[0], "lankershim");
+    let header: Vec<&str> = HEADER.split(',').collect();
+    let bad = |column: &str, value: &str| {
+        let place = header.iter().position(|name| name.eq_ignore_ascii_case(column)).unwrap();
+        let mut fields: Vec<&str> = street.split(',').collect();
+        fields[place] = value;
+        fields.join(",")
+    };
+    let all = [("v_Length", "0"), ("v_Class", "4"), ("v_Vel", "400"), ("Local_X", "1e9"), ("Lane_ID", "-1")];
+    let lines: Vec<String> = lines().into_iter().chain(all.map(|(column, value)| bad(column, value))).collect();
+    let file = put(folder.path(), "export.csv", &format!("{HEADER}\n{}\n", lines.join("\n")));
+    let read = read_all(&file, Dataset::NGSIM).unwrap();
+    let skipped =
+        |all: &[(Recording, gnp_data::IngestReport)]| all[0].1.skipped_rows["site lankershim is not a motorway"];
+    assert!(skipped(&read) >= all.len() as u64);
+    let damaged = format!("{HEADER}\n{}\n", lines.join("\n").replace("lankershim", "us-101"));
+    assert!(read_all(&put(folder.path(), "bad/export.csv", &damaged), Dataset::NGSIM).is_err());
+}
+
+#[test]
 fn a_file_of_streets_alone_is_no_recording() {
     let folder = tempfile::tempdir().unwrap();
     let street: Vec<String> = rows(&[(1, 1, 50.)], 0..3).iter().map(|row| line(row, "peachtree")).collect();

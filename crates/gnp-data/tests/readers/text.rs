@@ -41,7 +41,7 @@ fn a_value_that_only_looks_like_a_number_has_its_line_and_column() {
         // A comma makes another field unless it is quoted.
         let quoted = if value.contains(',') { format!("\"{value}\"") } else { value.to_owned() };
         let error = read(&with(4, |_| quoted.clone())).unwrap_err();
-        assert!(matches!(&error, DataError::Value { line: 17, column, .. } if column == "local_x"), "{value}: {error}");
+        assert!(matches!(&error, DataError::Value { line: 17, column, .. } if column == "Local_X"), "{value}: {error}");
     }
     assert!(read(&with(4, |_| "\"12,5\"".to_owned())).unwrap_err().to_string().contains("point before decimals"));
 }
@@ -84,7 +84,7 @@ fn columns_and_words_are_bounded() {
     };
     // Of 257 words the last comes in row 2 * 255 + 1, from 0.
     let error = sites(300).unwrap_err();
-    assert!(matches!(&error, DataError::Value { line: 513, column, .. } if column == "location"), "{error}");
+    assert!(matches!(&error, DataError::Value { line: 513, column, .. } if column == "Location"), "{error}");
     assert!(!matches!(sites(200).unwrap_err(), DataError::Value { .. }), "every second frame is missing, no more");
 }
 

@@ -9,7 +9,7 @@ use super::TRACKS;
 use super::meta::{COUNTS, Listed, Stated};
 use super::tracks::Tracks;
 use crate::error::DataError;
-use crate::formats::findings::{Check, Findings, MAX_DOUBTED, MAX_LEFT_OUT, Tally};
+use crate::formats::findings::{Check, Findings, MAX_DOUBTED, MAX_LEFT_OUT, MIN_JUDGED, Tally};
 use crate::formats::motion::{Motion, by_vehicle, flagged};
 use crate::formats::table::Table;
 use crate::limits;
@@ -20,9 +20,12 @@ use crate::slot::SLOTS;
 /// A centre may be this far outside the outer markings, m: on a lane of a ramp that is not marked.
 const OFF_ROAD: f32 = 4.;
 
-/// A centre may be this far outside the lane that its row tells, m: numbers are not taken from the
+/// A centre may be this far outside the lane that its row tells, or the markings, m: numbers are not taken from the
 /// rounded positions.
 const OFF_LANE: f32 = 0.5;
+
+/// Fraction of a carriageway's rows that may be outside its markings: there may be a lane that is not marked.
+const MAX_OUTSIDE: f64 = 0.25;
 
 /// A recording may be this much longer than is stated, s.
 const SAME_TIME: f64 = 1.;
@@ -45,6 +48,11 @@ const VELOCITY: Check = Check {
     then: "left out",
     remedy: "velocities are in m/s along x and y of the image, at the frameRate of recordingMeta; take the original files",
 };
+const SIDEWAYS: Check = Check {
+    column: "yVelocity",
+    says: "that move sideways have another velocity there than their positions",
+    ..VELOCITY
+};
 const ROAD: Check = Check {
     column: "y",
     says: "drive more than 4 m outside the markings of their carriageway",
@@ -62,6 +70,7 @@ const ROW_VELOCITY: Check =
     Check { says: "have a velocity more than 3 m/s off their positions", then: "kept", ..VELOCITY };
 const ROWS_OFF_ROAD: Check =
     Check { says: "are more than 4 m outside the markings of their carriageway", then: "kept", ..ROAD };
+const OUTSIDE: Check = Check { says: "are more than 0.5 m outside its markings", then: "kept", ..ROAD };
 const LANE: Check = Check {
     column: "laneId",
     says: "have a laneId that contradicts y and the markings",
@@ -121,8 +130,18 @@ pub(super) fn vehicles(
     let against = in_meta(found(&|rows| motion.is_backwards(rows)));
     findings.leave_out(&DIRECTION, tables.tracks_meta, &against, all)?;
     let [vx, vy] = &tracks.velocity;
-    let wrong = found(&|rows| motion.contradicts(rows, |i| [vx[i], vy[i]]));
-    findings.leave_out(&VELOCITY, tables.tracks, &wrong, all)?;
+    findings.leave_out(&VELOCITY, tables.tracks, &found(&|rows| motion.contradicts(rows, vx)), all)?;
+    let sideways = |rows: &Range<usize>| Some((rows.start, motion.contradicts_sideways(rows.clone(), vy)?));
+    let judged: Vec<(usize, bool)> = spans.par_iter().filter_map(sideways).collect();
+    let wrong = judged.iter().filter(|(_, wrong)| *wrong).map(|(i, _)| (tracks.vehicle[*i], tracks.place(*i)));
+    let wrong: Vec<(u32, usize)> = wrong.collect();
+    // Most vehicles keep their lane and tell nothing of it: the bound is of those that do.
+    let tally = Tally::of(wrong.iter().map(|(_, row)| *row));
+    if judged.len() >= MIN_JUDGED && tally.exceeds(MAX_DOUBTED, judged.len()) {
+        let who = format!("{} of {} vehicles", tally.count, judged.len());
+        return Err(SIDEWAYS.error(tables.tracks, tally.first, &who));
+    }
+    findings.leave_out(&SIDEWAYS, tables.tracks, &wrong, all)?;
     let off = |i: usize| off_road(&stated.roads[usize::from(tracks.body[i].road)], tracks.y[i]);
     let away = found(&|rows| 2 * rows.clone().filter(|i| off(*i)).count() > rows.len());
     findings.leave_out(&ROAD, tables.tracks, &away, all)?;
@@ -163,8 +182,29 @@ fn frames(
 }
 
 fn off_road(road: &Road, y: f32) -> bool {
+    outside(road, y, OFF_ROAD)
+}
+
+/// Whether `y` is more than a distance, m, outside the outer markings.
+fn outside(road: &Road, y: f32, distance: f32) -> bool {
     let edge = |line: Option<&crate::LaneMarking>| line.map_or(y, |line| line.y);
-    y < edge(road.lines.first()) - OFF_ROAD || y > edge(road.lines.last()) + OFF_ROAD
+    y < edge(road.lines.first()) - distance || y > edge(road.lines.last()) + distance
+}
+
+/// Counts rows outside the markings of each carriageway, which those of another recording leave many of.
+fn outside_markings(table: &Table, roads: &[Road], tracks: &Tracks, findings: &mut Findings) -> Result<(), DataError> {
+    for (number, road) in roads.iter().enumerate() {
+        let here = |i: &usize| usize::from(tracks.body[*i].road) == number;
+        let all = (0..tracks.y.len()).filter(here).count();
+        let off = |i: &usize| here(i) && tracks.lane[*i] != 0 && outside(road, tracks.y[*i], OFF_LANE);
+        let rows: Vec<usize> = (0..tracks.y.len()).filter(off).collect();
+        let vehicles = rows.chunk_by(|a, b| tracks.vehicle[*a] == tracks.vehicle[*b]).count();
+        let fraction = if vehicles < MIN_JUDGED { 1. } else { MAX_OUTSIDE };
+        let what = format!("rows of carriageway {}", road.driving_direction);
+        let tally = Tally::of(rows.into_iter().map(|i| tracks.place(i)));
+        findings.count(&OUTSIDE, table, tally, (all, &what), fraction)?;
+    }
+    Ok(())
 }
 
 /// Lanes between markings, with the number that most rows there have, for one carriageway.
@@ -206,6 +246,7 @@ pub(super) fn lanes(
     tracks: &mut Tracks,
     findings: &mut Findings,
 ) -> Result<(), DataError> {
+    outside_markings(tables.tracks, roads, tracks, findings)?;
     let mut seen = vec![Lanes::default(); roads.len()];
     let known = |tracks: &Tracks, i: usize| {
         let road = usize::from(tracks.body[i].road);
@@ -237,20 +278,22 @@ pub(super) fn lanes(
     Ok(())
 }
 
-/// Refuses a column of neighbours most of which are not there, in a recording of so many `rows`; `place` gives the row
-/// of the file of a row.
+/// Refuses a column of neighbours most of which are not there, in a recording of so many `rows`. Names of vehicles that
+/// were `left_out` here, so many for each slot, are no fault of the column; `place` gives the row of the file of a row.
 ///
 /// # Errors
 /// When there is one.
 pub(super) fn neighbours(
     table: &Table,
     names: &[Names; SLOTS],
+    left_out: [usize; SLOTS],
     rows: usize,
     place: impl Fn(usize) -> usize,
 ) -> Result<(), DataError> {
-    for (column, Names { named, wrong, first }) in TRACKS[TRACKS.len() - 1 - SLOTS..].iter().zip(names) {
-        let tally = Tally { count: *wrong, first: first.map(&place) };
-        if tally.exceeds(MAX_DOUBTED, *named) && tally.exceeds(MIN_WRONG_NAMES, rows) {
+    for ((column, names), left_out) in TRACKS[TRACKS.len() - 1 - SLOTS..].iter().zip(names).zip(left_out) {
+        let (named, wrong) = (names.named.saturating_sub(left_out), names.wrong.saturating_sub(left_out));
+        let tally = Tally { count: wrong, first: names.first.map(&place) };
+        if tally.exceeds(MAX_DOUBTED, named) && tally.exceeds(MIN_WRONG_NAMES, rows) {
             let what = format!("{wrong} of {named} values name vehicles that are not there");
             return Err(table.contradiction(tally.first, column, what, NEIGHBOURS));
         }

@@ -209,8 +209,10 @@ pub(super) fn vehicles(table: &Table) -> Result<(Vec<Listed>, Vec<String>), Data
         });
     }
     let repeated = rows - listed.len();
-    if repeated > 0 {
-        notes.push(format!("{repeated} rows of tracksMeta repeat one before"));
+    match repeated {
+        0 => {}
+        1 => notes.push("1 row of tracksMeta repeats one before".to_owned()),
+        rows => notes.push(format!("{rows} rows of tracksMeta repeat one before")),
     }
     Ok((listed, notes))
 }

@@ -146,6 +146,12 @@ impl Tracks {
         self.rows.get(i).map_or(i, |row| *row as usize)
     }
 
+    /// How many rows name one of these vehicles, for each slot.
+    pub(super) fn names_of(&self, vehicles: &BTreeSet<u32>) -> [usize; SLOTS] {
+        let named = |id: &&i32| u32::try_from(**id).is_ok_and(|id| vehicles.contains(&id));
+        self.neighbours.each_ref().map(|ids| if vehicles.is_empty() { 0 } else { ids.iter().filter(named).count() })
+    }
+
     /// The same without some vehicles.
     pub(super) fn without(self, vehicles: &BTreeSet<u32>) -> Self {
         if vehicles.is_empty() {

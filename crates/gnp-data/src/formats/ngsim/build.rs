@@ -18,7 +18,7 @@ use crate::recording::{Recording, RecordingMeta, Road};
 
 /// Lane numbers from here on are ramps, which all lie to the right of the lane before, at different
 /// places along the road.
-const RAMP: i16 = 7;
+pub(super) const RAMP: i16 = 7;
 
 /// Frames per second of NGSIM, taken where the times of a file do not tell.
 pub(super) const RATE: f64 = 10.;

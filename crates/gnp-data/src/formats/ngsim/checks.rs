@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::build::Part;
+use super::build::{Part, RAMP};
 use super::rows::Raw;
 use crate::error::DataError;
 use crate::formats::findings::{Check, Findings, MAX_DOUBTED, MAX_LEFT_OUT, Tally};
@@ -24,6 +24,9 @@ const OFF_LANE: f32 = 3.;
 
 /// A centre may be this far outside the fitted lines, m: ramps lie there, whose lanes are not fitted.
 const OFF_ROAD: f32 = 20.;
+
+/// No lane of the two motorways has a higher number.
+const LAST_LANE: i16 = 8;
 
 /// Sizes in a table that are nearer than this, m, are the same.
 const SAME_SIZE: f32 = 0.1;
@@ -130,9 +133,15 @@ pub(super) fn off_road(
 /// # Errors
 /// When they are too many.
 pub(super) fn lanes(table: &Table, part: &mut Part, fit: &LaneFit, findings: &mut Findings) -> Result<(), DataError> {
+    let ramps = Tally::of((0..part.lane.len()).filter(|i| part.lane[*i] >= RAMP).map(|i| part.place(i)));
+    if fit.centres.is_empty() && ramps.exceeds(MAX_DOUBTED, part.lane.len()) {
+        let what =
+            format!("{} of {} rows are on ramps (7, 8) or beyond, and none on lanes", ramps.count, part.lane.len());
+        return Err(table.contradiction(ramps.first, LANE.column, what, LANE.remedy));
+    }
     let wrong = |number: i16, y: f32| {
         let off = |(lane, centre): &(i16, f32)| *lane == number && (y - centre).abs() > OFF_LANE;
-        fit.centres.iter().any(off) || fit.misplaced.contains(&number)
+        number > LAST_LANE || fit.centres.iter().any(off) || fit.misplaced.contains(&number)
     };
     let rows: Vec<usize> = (0..part.lane.len()).into_par_iter().filter(|i| wrong(part.lane[*i], part.y[*i])).collect();
     let tally = Tally::of(rows.iter().map(|i| part.place(*i)));
@@ -171,7 +180,7 @@ pub(super) fn feet_of_lengths(table: &Table, part: &Part) -> Result<(), DataErro
     }
     Err(DataError::Unit {
         file: table.file.clone(),
-        place: "column `v_length`".into(),
+        place: "column `v_Length`".into(),
         what: format!("half of the vehicles are shorter than {median:.2} m when read as feet"),
         remedy: "the table seems to be in metres; NGSIM is read in feet, take the original file",
     })
@@ -193,7 +202,7 @@ pub(super) fn feet_of_lanes(table: &Table, width: Option<f32>) -> Result<(), Dat
     } else {
         return Ok(());
     };
-    Err(DataError::Unit { file: table.file.clone(), place: "column `local_x`".into(), what, remedy })
+    Err(DataError::Unit { file: table.file.clone(), place: "column `Local_X`".into(), what, remedy })
 }
 
 /// Refuses positions from which vehicles move faster than they can.
@@ -205,7 +214,7 @@ pub(super) fn feet_of_positions(table: &Table, recording: &Recording) -> Result<
     }
     Err(DataError::Unit {
         file: table.file.clone(),
-        place: "columns `local_x`, `local_y`".into(),
+        place: "columns `Local_X`, `Local_Y`".into(),
         what: format!("{fast} of {} rows move faster than {MAX_RECORDED_SPEED} m/s", recording.len()),
         remedy: "the values seem not to be feet, or frames are missing; take the original file",
     })

@@ -80,6 +80,9 @@ pub(super) fn read(table: &Table) -> Result<Raw, DataError> {
             unread.push(format!("vehicles ahead are not taken from the file: {wrong}"));
         }
     };
+    let mut values = values;
+    let site = location.map(|_| values.remove(columns.len()).words());
+    let skipped = rows_left_out(site.as_ref());
     let mut values = values.into_iter();
     let mut next = || values.next();
 
@@ -92,11 +95,11 @@ pub(super) fn read(table: &Table) -> Result<Raw, DataError> {
     let vehicles = table.natural(whole(next()), vehicle)?;
     let frames = table.frames(whole(next()), frame)?;
     let time = next().map(Values::time).unwrap_or_default();
-    let rights = table.positions(metres(next()), right)?;
-    let fronts = table.positions(metres(next()), front)?;
-    let lengths = table.positive(metres(next()), length)?;
-    let widths = table.positive(metres(next()), width)?;
-    let classes = whole(next());
+    let rights = table.positions(without(metres(next()), &skipped, 0.), right)?;
+    let fronts = table.positions(without(metres(next()), &skipped, 0.), front)?;
+    let lengths = table.positive(without(metres(next()), &skipped, 1.), length)?;
+    let widths = table.positive(without(metres(next()), &skipped, 1.), width)?;
+    let classes = without(whole(next()), &skipped, 2);
     let class_of = |code: &i32| match code {
         1 => Some(VehicleClass::Motorcycle),
         2 => Some(VehicleClass::Car),
@@ -106,7 +109,7 @@ pub(super) fn read(table: &Table) -> Result<Raw, DataError> {
     if let Some(row) = classes.iter().position(|code| class_of(code).is_none()) {
         return Err(table.bad_value(row, class, classes[row], "is none of the classes 1, 2, 3; repair it"));
     }
-    let speeds = metres(next());
+    let speeds = without(metres(next()), &skipped, 0.);
     if let Some(row) = speeds.iter().position(|v| v.abs() > MAX_RECORDED_SPEED) {
         return Err(DataError::Unit {
             file: table.file.clone(),
@@ -118,8 +121,7 @@ pub(super) fn read(table: &Table) -> Result<Raw, DataError> {
             remedy: "NGSIM is in feet and feet per second; take the original file",
         });
     }
-    let lanes = table.lane_numbers(whole(next()), lane)?;
-    let site = location.and_then(|_| next()).map(Values::words);
+    let lanes = table.lane_numbers(without(whole(next()), &skipped, 0), lane)?;
     let named = leader.and_then(|_| next()).map(Values::whole);
     let negative_leaders = named.iter().flatten().filter(|vehicle| **vehicle < 0).count();
     let leader = named.map(|named| leaders(&named, &next().map(Values::real).unwrap_or_default()));
@@ -141,6 +143,19 @@ pub(super) fn read(table: &Table) -> Result<Raw, DataError> {
         total,
         unread,
     })
+}
+
+/// Rows of sites that are not motorways: whatever is in them does not matter.
+fn rows_left_out(site: Option<&(Vec<u16>, Vec<String>)>) -> Vec<usize> {
+    let Some((codes, words)) = site else { return Vec::new() };
+    let read: Vec<bool> = words.iter().map(|word| super::motorway(word).is_some()).collect();
+    (0..codes.len()).filter(|row| !read[usize::from(codes[*row])]).collect()
+}
+
+/// `values` with a value that can be in rows that are left out, so that no check refuses these.
+fn without<T: Copy>(mut values: Vec<T>, rows: &[usize], value: T) -> Vec<T> {
+    rows.iter().for_each(|row| values[*row] = value);
+    values
 }
 
 /// The vehicle ahead of each row; headways in ft.

@@ -29,7 +29,7 @@ pub(in crate::formats) struct Head {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::formats) struct Header {
     pub(in crate::formats) separator: Separator,
-    /// Names in lower case.
+    /// Names as they are written; case tells no two apart.
     pub(in crate::formats) names: Vec<String>,
 }
 
@@ -51,7 +51,7 @@ impl Head {
     /// Names of the columns under the separator that finds most of `known`, and how many it finds.
     pub(in crate::formats) fn header(&self, known: &[&str]) -> (Header, usize) {
         let found = |separator: Separator| {
-            let names = split(&self.line, separator).map(str::to_ascii_lowercase).collect::<Vec<_>>();
+            let names = split(&self.line, separator).map(str::to_owned).collect::<Vec<_>>();
             let hits = known.iter().filter(|name| names.iter().any(|have| have.eq_ignore_ascii_case(name))).count();
             (Header { separator, names }, hits)
         };

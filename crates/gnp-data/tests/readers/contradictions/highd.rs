@@ -143,8 +143,9 @@ fn highd_vehicles_that_move_otherwise_than_they_are_said_to() {
     let velocity = &["05_tracks.csv", "xVelocity", "have another velocity than their positions", "frameRate"];
     refused(|made| made.lines_of(all.clone()).for_each(|line| line.v[0] = 0.), velocity);
     refused(|made| made.lines_of(all.clone()).for_each(|line| line.v[0] *= -1.), velocity);
-    refused(|made| made.lines_of(all.clone()).for_each(|line| line.v[1] *= -1.), velocity);
     refused(|made| made.lines_of(all.clone()).for_each(|line| line.v[0] *= 1.2), velocity);
+    let sideways = &["line 2,", "`yVelocity`", "24 of 24 vehicles that move sideways have another velocity"];
+    refused(|made| made.lines_of(all.clone()).for_each(|line| line.v[1] *= -1.), sideways);
     // The signs of one carriageway alone; the first line of vehicle 13.
     refused(|made| made.lines_of(13..=24).for_each(|line| line.v[0] *= -1.), &["line 722", "12 of 24 vehicles"]);
     refused(|made| made.set("frameRate", "20"), velocity);
@@ -167,7 +168,8 @@ fn a_highd_vehicle_that_contradicts_itself_is_left_out() {
         assert_eq!((report.vehicles as i64, report.rows_read as i64), (VEHICLES - 1, FRAMES * VEHICLES));
         // Vehicles 5 and 9 name it.
         assert_eq!(report.unknown_neighbours as i64, 2 * FRAMES);
-        assert!(report.remarks().iter().any(|remark| remark.contains(why)), "{:?}", report.remarks());
+        let absent = format!("{} neighbours named have no row in the frame: not taken", 2 * FRAMES);
+        assert_eq!(report.remarks(), [format!("1 vehicle left out, of those that {why}"), absent]);
     };
     left_out(
         &|made| made.lines_of(7..=7).for_each(|line| line.v[0] = 0.),
@@ -202,6 +204,50 @@ fn highd_rows_with_another_velocity_than_their_positions() {
     let rows = "rows have a velocity more than 3 m/s off their positions";
     assert_eq!(counted(&still(7..=7).unwrap().1), (vec![], vec![(&*format!("{rows}: kept"), 15)]));
     says(&still(1..=VEHICLES).unwrap_err(), &["05_tracks.csv", "line 21", "xVelocity", &format!("360 of 1440 {rows}")]);
+}
+
+#[test]
+fn highd_velocities_across_the_road_are_judged_by_those_that_move_so() {
+    // All but a few keep their lane, and the sign of yVelocity is wrong.
+    let few = |moving: i64, wrong: i64| {
+        highd(|made| {
+            for line in &mut made.lines {
+                if line.id > moving {
+                    let lane = [2.25, 5.75, 0., 20., 24.][(line.lane - 2) as usize];
+                    (line.y, line.v[1]) = (lane - 1., 0.);
+                } else if line.id <= wrong {
+                    line.v[1] *= -1.;
+                }
+            }
+        })
+    };
+    says(&few(3, 3).unwrap_err(), &["`yVelocity`", "3 of 3 vehicles that move sideways", "along x and y"]);
+    let left_out = |moving, wrong| few(moving, wrong).unwrap().1.vehicles_left_out.into_values().sum::<u64>();
+    assert_eq!([left_out(2, 2), left_out(4, 2), left_out(3, 0)], [2, 2, 0]);
+}
+
+#[test]
+fn highd_markings_of_another_place() {
+    let shifted = |made: &mut Made| made.lines.iter_mut().for_each(|line| line.y += 3.8);
+    let parts = &[
+        "05_tracks.csv",
+        "`y`",
+        "of 720 rows of carriageway 1 are more than 0.5 m outside its markings",
+        "one download",
+    ];
+    refused(shifted, parts);
+    refused(|made| made.set("upperLaneMarkings", "-3.00;0.50;4.00"), parts);
+    refused(|made| made.set("lowerLaneMarkings", "22.00;26.00;30.00"), &["of 720 rows of carriageway 2"]);
+    // A lane of a ramp, which is not marked, is counted.
+    let ramp = |vehicles: std::ops::RangeInclusive<i64>| {
+        highd(|made| {
+            made.lines_of(vehicles.clone()).filter(|line| line.id % 2 == 0).for_each(|line| line.y -= 3.5);
+            made.lines.iter_mut().for_each(|line| line.neighbours = [0; 8]);
+        })
+    };
+    let rows = "rows of carriageway 1 are more than 0.5 m outside its markings: kept";
+    assert_eq!(counted(&ramp(1..=6).unwrap().1), (vec![], vec![(rows, 180)]));
+    says(&ramp(1..=8).unwrap_err(), &["240 of 720 rows of carriageway 1"]);
 }
 
 #[test]
@@ -320,7 +366,7 @@ fn two_rows_of_one_highd_vehicle_or_recording() {
     );
     let (recording, report) = highd(|made| made.vehicles.push(made.vehicles[3].clone())).unwrap();
     assert_eq!(recording.columns(), highd(|_| {}).unwrap().0.columns());
-    assert_eq!(report.remarks(), ["1 rows of tracksMeta repeat one before"]);
+    assert_eq!(report.remarks(), ["1 row of tracksMeta repeats one before"]);
 
     let mut files = Made::new().files();
     let row = files.recording_meta.lines().nth(1).unwrap().to_owned();
@@ -404,6 +450,16 @@ fn one_highd_vehicle_does_not_condemn_a_small_recording() {
     let report = few(3..=3).unwrap().1;
     assert_eq!(counted(&report).0, [("have another velocity than their positions", 1)]);
     says(&few(3..=4).unwrap_err(), &["2 of 8 vehicles have another velocity"]);
+    // Nor do those that name it.
+    let (_, report) = highd(|made| {
+        let three = [1, 3, 5];
+        made.lines.retain(|line| three.contains(&line.id));
+        made.vehicles.retain(|it| three.contains(&it.id));
+        made.lines_of(3..=3).for_each(|line| line.v[0] = 0.);
+        made.lines_of(5..=5).for_each(|line| line.neighbours[1] = 0);
+    })
+    .unwrap();
+    assert_eq!((report.vehicles, report.unknown_neighbours as i64), (2, 2 * FRAMES));
 }
 
 #[test]
@@ -421,5 +477,5 @@ fn highd_speeds_of_one_fast_vehicle() {
     assert_eq!((recording.tracks().len(), counted(&report).0), (24, vec![]));
     let error = at(101.).unwrap_err();
     assert!(matches!(error, DataError::Value { line: 362, .. }), "{error}");
-    says(&error, &["05_tracks.csv", "xvelocity", "101.0 m/s", "repair"]);
+    says(&error, &["05_tracks.csv", "xVelocity", "101.0 m/s", "repair"]);
 }

@@ -103,6 +103,12 @@ fn ngsim_lanes_that_are_not_those_of_positions() {
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.lane = 5 - row.lane)), lane);
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.lane = 1 + (row.frame % 4) as i32)), lane);
     refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.x = 60. - row.x)), lane);
+    for change in [&|_| 99, &|lane| lane + 6, &|_| 7] as [&dyn Fn(i32) -> i32; 3] {
+        let ramps = &["line 2", "Lane_ID", "1200 of 1200 rows are on ramps", "from the left"];
+        refused_ngsim(ngsim(|rows| rows.iter_mut().for_each(|row| row.lane = change(row.lane))), ramps);
+    }
+    let ninth = ngsim(|rows| rows[..10].iter_mut().for_each(|row| row.lane = 9)).unwrap().0;
+    assert_eq!(&ninth.columns().lane[..11], [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1]);
     let off = |vehicles: std::ops::Range<u32>| {
         ngsim(|rows| rows.iter_mut().filter(|row| vehicles.contains(&row.vehicle)).for_each(|row| row.x += 500.))
     };
