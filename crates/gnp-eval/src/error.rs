@@ -249,6 +249,9 @@ pub enum ForecastProblem {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PredictionProblem {
+    /// Parquet whose parts do not fit each other.
+    #[error("is damaged; copy it again, or write it anew")]
+    Damaged,
     /// A required column is not there.
     #[error(
         "column `{column}` is missing; needed are scene (or recording), vehicle, t0, mode, probability, step, x, y"

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -70,7 +71,9 @@ struct Row {
 /// length of their windows shows when they are scored.
 pub fn read_predictions(path: &Path, detail: Detail) -> Result<Predictions, EvalError> {
     let file = File::open(path).map_err(|source| EvalError::Io { path: path.into(), source })?;
-    read(file, detail)
+    // parquet refuses most damaged files and panics at some.
+    catch_unwind(AssertUnwindSafe(|| read(file, detail)))
+        .unwrap_or_else(|_| Err(PredictionProblem::Damaged.into()))
         .map(|(provenance, predictions)| {
             let stem = || path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
             let name = provenance.get("model").cloned().unwrap_or_else(stem);
