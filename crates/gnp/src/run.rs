@@ -69,7 +69,7 @@ impl Run {
     /// As [`Run::open`].
     pub(crate) fn open_for(need: Need, folder: &Path, machine: &Machine) -> Result<Self> {
         let folder = RunFolder::whole(folder, need)?;
-        for told in Damage::grouped(folder.passed_over(), Damage::done_without) {
+        for told in Damage::grouped(folder.passed_over().iter().map(|one| (one, one.done_without()))) {
             machine.progress.note(&told);
         }
         let config = RunConfig::read(&folder.path("config.toml"), &[])?;

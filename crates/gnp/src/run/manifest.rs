@@ -118,7 +118,7 @@ impl Need {
     /// Whether the run cannot be used so with this damage.
     pub(crate) fn is_blocked_by(self, damage: &Damage) -> bool {
         match self {
-            // Recordings that differ are no reason to score without densities and hardly say so.
+            // Recordings that are not there were left out; ones that differ are damaged, which is not to be passed over.
             Self::Model => {
                 let gone = damage.problem == MISSING;
                 MODEL.contains(&damage.name.as_str()) || !gone && damage.consequence() == Consequence::Lost
@@ -150,16 +150,13 @@ impl Damage {
         format!("{} {}", self.name, self.problem)
     }
 
-    /// What is wrong with files, a few words for each kind of damage and `about`, which says what becomes of a file:
+    /// What is wrong with files and what becomes of each, a line for all that are alike:
     /// `figures/a.png and 19 more are missing: they are made again`.
-    pub(crate) fn grouped(all: &[Self], about: impl Fn(&Self) -> String) -> Vec<String> {
+    pub(crate) fn grouped<'a>(all: impl IntoIterator<Item = (&'a Self, String)>) -> Vec<String> {
         let mut groups: Vec<(&Self, String, usize)> = Vec::new();
-        for one in all {
-            let told = about(one);
-            match groups
-                .iter_mut()
-                .find(|(first, of, _)| (first.stage, &first.problem, of) == (one.stage, &one.problem, &told))
-            {
+        for (one, told) in all {
+            let alike = |it: &Self, of: &String| it.stage == one.stage && it.problem == one.problem && *of == told;
+            match groups.iter_mut().find(|(first, of, _)| alike(first, of)) {
                 Some((.., count)) => *count += 1,
                 None => groups.push((one, told, 1)),
             }

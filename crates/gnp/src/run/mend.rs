@@ -36,10 +36,7 @@ pub(super) fn mend(folder: &mut RunFolder, machine: &Machine) -> Result<()> {
             }
         });
     }
-    let becomes = |one: &Damage| {
-        damage.iter().zip(&becomes).find(|(it, _)| *it == one).map_or_else(String::new, |(_, told)| told.clone())
-    };
-    Damage::grouped(&damage, becomes).iter().for_each(|told| machine.progress.note(told));
+    Damage::grouped(damage.iter().zip(becomes)).iter().for_each(|told| machine.progress.note(told));
     folder.forget(&again)
 }
 
@@ -49,7 +46,7 @@ fn rewritten(folder: &mut RunFolder, one: &Damage, all: &[Damage], machine: &Mac
         let report: IngestSummary = folder.read_json("ingest.json")?;
         write(&folder.path(&one.name), report.text().as_bytes())?;
     } else if one.stage == Stage::Evaluate {
-        if all.iter().any(|other| Need::All.is_blocked_by(other)) {
+        if all.iter().any(|other| other.stage != Stage::Report && Need::All.is_blocked_by(other)) {
             return Ok(false);
         }
         let config = RunConfig::read(&folder.path("config.toml"), &[])?;
