@@ -1,7 +1,7 @@
 //! What each command does.
 
 use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -20,6 +20,7 @@ use crate::arguments::{
     ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
 use crate::names::Place;
+use crate::planned::{plan, resolve};
 use crate::processes;
 use crate::program::Program;
 use crate::terminal::Terminal;
@@ -152,7 +153,7 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
         }
         (None, Some(folder), Some(data)) => {
             let Some(out) = &args.out else { bail!("give a folder for the scores on other recordings: --out DIR") };
-            let run = Run::open(folder, &machine)?;
+            let run = Run::open_model(folder, &machine)?;
             let (scores, place) = score_recordings(&run, data, out)?;
             show(&scores, args.tables, &machine);
             machine.progress.result(&format!("\nAll scores: {}", place.join("metrics.md").display()));
@@ -308,7 +309,13 @@ fn show_plan(table: &PreparedTable, json: bool) -> Result<()> {
 
 fn figures(args: &FigureArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let mut run = Run::finished(&args.run, &machine)?;
+    let mut run = match (&args.data_dir, &args.out) {
+        (Some(_), _) => Run::open_model(&args.run, &machine)?,
+        // They are made again where they are damaged.
+        (None, None) => Run::resume(&args.run, &machine)?,
+        (None, Some(_)) => Run::open(&args.run, &machine)?,
+    }
+    .with_scores()?;
     let out = args.out.clone().unwrap_or_else(|| run.path().join("figures"));
     let figures = gnp::draw_figures(&mut run, args.data_dir.as_deref(), &out)?;
     for figure in &figures {
@@ -417,7 +424,6 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
         Some(out) => out.clone(),
         None => explained.folder(&run)?,
     };
-    let _alone = if out.starts_with(run.path()) { Some(run.lock()?) } else { None };
     explained.save_figures(&out)?;
     machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())
@@ -425,7 +431,7 @@ fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
 
 fn report(args: &ReportArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let (page, _) = gnp::write_report(&mut Run::finished(&args.run, &machine)?)?;
+    let (page, _) = gnp::write_report(&mut Run::resume(&args.run, &machine)?.with_scores()?)?;
     machine.progress.result(&format!("report: {}", page.display()));
     Ok(())
 }
@@ -443,71 +449,4 @@ fn replay(args: &ReplayArgs, program: &Program) -> Result<()> {
         replayed.heading, replayed.vehicles, replayed.forecasts, replayed.viewer
     ));
     Ok(())
-}
-
-/// The run that the command line names.
-fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Result<Plan> {
-    let out = |name: &str| args.out.clone().unwrap_or_else(|| program.run_folder(name));
-    // Where nothing says what a run would be started from, there is one or none.
-    if args.resume && args.config.is_none() && args.dataset.is_none() && from.is_none() {
-        match &args.out {
-            None => bail!("which run is to be resumed? give its folder: --out DIR"),
-            Some(out) if !Plan::resume(out).is_started()? => bail!(
-                "there is no run in {0} to resume; start one with --dataset NAME --out {0}, or give the folder of one",
-                out.display()
-            ),
-            Some(_) => {}
-        }
-    }
-    // A run is resumed with its own configuration, unless the command line says more than where it is and what it is of.
-    if args.resume && args.config.is_none() && args.set.is_empty() {
-        let there: Option<PathBuf> = match (&args.out, args.dataset) {
-            (Some(out), _) => Some(out.clone()),
-            (None, Some(dataset)) => Some(out(dataset.as_str())),
-            (None, None) => None,
-        };
-        if let Some(place) = there {
-            let mut plan = Plan::resume(place);
-            plan.data.clone_from(&args.data_dir);
-            plan.dataset = args.dataset;
-            plan.from = from.map(Path::to_owned);
-            if plan.is_started()? {
-                return Ok(plan);
-            }
-        }
-    }
-    let (config, name) = resolve(args, from)?;
-    let mut plan = Plan::new(config, args.data_dir.clone(), out(&name));
-    plan.resume = args.resume;
-    plan.from = from.map(Path::to_owned);
-    Ok(plan)
-}
-
-/// The configuration that the command line asks for, and the name it gives a run: that of the run to start `from`
-/// unless there is another one.
-fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
-    let stem = |path: &Path| path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
-    let (config, name, shown) = match (&args.config, from, args.dataset) {
-        (Some(path), ..) => {
-            // `paper/ngsim` is another run than `ngsim`.
-            let name = if path.is_file() { stem(path) } else { path.display().to_string().replace('/', "-") };
-            (RunConfig::named(path, &args.set)?, name, path.display().to_string())
-        }
-        (None, Some(from), _) => {
-            let path = from.join("config.toml");
-            let name = format!("{}-tuned", stem(from));
-            (RunConfig::read(&path, &args.set)?, name, path.display().to_string())
-        }
-        (None, None, Some(dataset)) => {
-            let name = dataset.as_str();
-            (RunConfig::embedded(name, &args.set)?, name.to_owned(), format!("configs/{name}.toml"))
-        }
-        (None, None, None) => bail!("which data? give --dataset ngsim or --dataset highd, or a --config"),
-    };
-    if let Some(asked) = args.dataset
-        && asked != config.dataset
-    {
-        bail!("--dataset {asked} but {shown} is for {}", config.dataset);
-    }
-    Ok((config, name))
 }

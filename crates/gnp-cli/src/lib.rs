@@ -3,6 +3,7 @@
 mod arguments;
 mod commands;
 mod names;
+mod planned;
 mod processes;
 mod program;
 mod terminal;

@@ -132,6 +132,11 @@ impl Scores {
         if !self.faithfulness.is_empty() {
             write_json(&folder.join(faithfulness::FILE), &self.faithfulness)?;
         }
+        self.save_tables(folder, heading)
+    }
+
+    /// Writes `metrics.csv` and `metrics.md`.
+    fn save_tables(&self, folder: &Path, heading: &str) -> Result<()> {
         write(&folder.join("metrics.csv"), csv(&self.tables).as_bytes())?;
         write(&folder.join("metrics.md"), self.markdown(heading).as_bytes())
     }
@@ -216,11 +221,19 @@ impl Run {
     /// When the run has no scores, or a file of them is damaged.
     pub fn scores(&self) -> Result<Scores> {
         self.folder.require(Stage::Report)?;
-        let scores = load_scores(&self.folder.path("metrics.json"))?;
-        let differences = load_comparisons(&self.folder.path("differences.json"))?;
+        let scores = load_scores(&self.folder.usable("metrics.json")?)?;
+        let differences = load_comparisons(&self.folder.usable("differences.json")?)?;
         let set = self.windows()?;
         let head = TableHead { split: split_description(self, &self.split(&set)?), rate_hz: set.shape().rate_hz };
         Ok(Scores::new(scores, differences, faithfulness::load(&self.folder)?, &head))
+    }
+
+    /// Writes the tables of the scores anew.
+    ///
+    /// # Errors
+    /// As [`Run::scores`]; when the folder cannot be written.
+    pub(crate) fn rewrite_tables(&self) -> Result<()> {
+        self.scores()?.save_tables(self.path(), &heading(&self.folder.state.data, &self.config))
     }
 }
 
@@ -256,17 +269,17 @@ fn of_run(run: &Run, material: &Material<'_>, out: &Path) -> Result<Scores> {
     let faithfulness = Measured::of_systems(material, &systems, &run.machine)?;
     let scores = Scores::of(&evaluation, &faithfulness, &ours, material.split.clone(), &config.evaluate.bootstrap)?;
     write_predictions(run, material, out)?;
-    scores.save(out, &heading(material, config))?;
+    scores.save(out, &heading(material.data, config))?;
     Ok(scores)
 }
 
-fn heading(material: &Material<'_>, config: &RunConfig) -> String {
+fn heading(data: &DataState, config: &RunConfig) -> String {
     let RunConfig { seed, predict, evaluate, .. } = config;
     format!(
         "# Scores\n\nOn {}. Seed {seed}; neighbours in the future: `{}`. Lengths in m. Intervals of 95 % from {} \
          draws of drivers with replacement, and in square brackets, where there are 3 events or more, of events. Top-1 \
          and best of k are different quantities.\n",
-        material.data.description,
+        data.description,
         predict.neighbours.name(),
         evaluate.bootstrap.resamples
     )

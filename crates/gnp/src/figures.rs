@@ -16,6 +16,7 @@ use gnp_plot::{Figure, Painter, Source};
 
 use crate::data::ingest;
 use crate::data::source;
+use crate::report::renew;
 use crate::run::Run;
 use crate::run::folder::{DataState, Stage, write};
 
@@ -40,7 +41,7 @@ struct Material<'a> {
 }
 
 /// Draws every figure of a run, on its own recordings or on those of `data`, and writes each as SVG and PNG to `out`. Where
-/// those are the run's own figures, it is written down what they should be.
+/// those are the run's own figures, it is written down what they should be, and a report that is not there is written, too.
 ///
 /// # Errors
 /// When a file of the run or the recordings cannot be used, or a figure cannot be written.
@@ -49,7 +50,11 @@ pub fn draw_figures(run: &mut Run, data: Option<&Path>, out: &Path) -> Result<Ve
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let place = |path: &Path| fs::canonicalize(path).ok();
     if place(out) == place(&run.folder.path(FIGURES)) {
-        run.rewriting(Stage::Report, |run| Ok(((), save_own(run, &figures)?)))?;
+        if data.is_some() {
+            run.rewriting(Stage::Report, |run| Ok(((), save_own(run, &figures)?)))?;
+        } else {
+            renew(run, &figures, |run| save_own(run, &figures))?;
+        }
     } else {
         save(&figures, out)?;
     }

@@ -4,6 +4,7 @@ mod clip;
 mod replay;
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use gnp_data::Split;
 use gnp_eval::{Comparison, Protocol, Score, Table, TableHead, comparison_tables, tables};
@@ -24,31 +25,54 @@ const OPENING: &str = "error-by-horizon";
 /// File of the page in a run folder.
 const PAGE: &str = "report.html";
 
-/// Writes `report.html` of a run, and the figures in it to the folder `figures`, whose files are returned.
+/// Draws the figures of a run, and writes `report.html` and the folder `figures`, whose files are returned.
 ///
 /// # Errors
 /// As [`write_report`].
 pub(crate) fn write_with_figures(run: &Run) -> Result<Vec<String>> {
-    figures::save_own(run, &write_page(run)?)
+    let figures = figures::draw(run, None)?;
+    write_page(run, &figures)?;
+    figures::save_own(run, &figures)
 }
 
-/// Writes `report.html` to the folder of a finished run, and says where it is and which figures are in it.
+/// Writes with `some` those files of the stage, named by what is returned, that are asked for; where the stage is not
+/// finished, as where others of its files were damaged, all of them with the `figures` of the run's own recordings.
+///
+/// # Errors
+/// As [`write_report`].
+pub(crate) fn renew(run: &mut Run, figures: &[Figure], some: impl FnOnce(&Run) -> Result<Vec<String>>) -> Result<()> {
+    run.writing(|run| {
+        if run.folder.has(Stage::Report) {
+            return run.rewriting(Stage::Report, |run| Ok(((), some(run)?)));
+        }
+        let started = Instant::now();
+        write_page(run, figures)?;
+        let names = figures::save_own(run, figures)?;
+        run.folder.finish(Stage::Report, started.elapsed().as_secs_f64(), names)
+    })
+}
+
+/// Writes `report.html` to the folder of a run that has scores, and says where it is and which figures are in it. Where
+/// the run's own figures are not there, they are written, too.
 ///
 /// # Errors
 /// When a file of the run cannot be used or the page cannot be written.
 pub fn write_report(run: &mut Run) -> Result<(PathBuf, Vec<Figure>)> {
-    let figures = run.rewriting(Stage::Report, |run| Ok((write_page(run)?, vec![PAGE.to_owned()])))?;
+    let figures = run.writing(|run| {
+        let figures = figures::draw(run, None)?;
+        renew(run, &figures, |run| write_page(run, &figures).map(|()| vec![PAGE.to_owned()]))?;
+        Ok(figures)
+    })?;
     Ok((run.path().join(PAGE), figures))
 }
 
-/// Writes the page; returns the figures in it.
-fn write_page(run: &Run) -> Result<Vec<Figure>> {
+/// Writes the page.
+fn write_page(run: &Run, figures: &[Figure]) -> Result<()> {
     let set = run.windows()?;
     let split = run.split(&set)?;
     let data = &run.folder.state.data;
     let scores = run.scores()?;
     let head = TableHead { split: split_description(run, &split), rate_hz: set.shape().rate_hz };
-    let figures = figures::draw(run, None)?;
     let mut report = Report::new(format!("GNP: {}", plain(&data.description)), data.simulated);
     if let Some(summary) = scores.summary() {
         report.headline = summary.sentence();
@@ -75,8 +99,7 @@ fn write_page(run: &Run) -> Result<Vec<Figure>> {
     let mut provenance = ReportSection::new("Provenance");
     provenance.facts = facts(run, &split);
     report.sections.extend([recordings, provenance]);
-    write(&run.path().join(PAGE), report.html()?.as_bytes())?;
-    Ok(figures)
+    write(&run.path().join(PAGE), report.html()?.as_bytes())
 }
 
 /// The tables of scores, one section a protocol: `clean` first, the others folded away.

@@ -2,27 +2,31 @@
 
 pub(crate) mod draft;
 pub(crate) mod folder;
+mod foreign;
+pub(crate) mod lock;
 pub(crate) mod manifest;
 mod mend;
 pub(crate) mod origin;
+mod stage;
 
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use gnp_data::{Recording, Split, WindowSet};
-use gnp_file::{Lock, LockError};
+use gnp_file::Lock;
 use gnp_model::{Features, Gnp, ReferencePath};
 
 use crate::config::RunConfig;
 use crate::data::ingest::{IngestSummary, RECORDINGS};
-use crate::error::{Error, Result, bail};
+use crate::error::{Result, bail};
 use crate::evaluation::rules;
 use crate::figures::FIGURES;
 use crate::machine::Machine;
 use crate::run::draft::{sweep, sweep_drafts};
 use crate::run::folder::{RunFolder, RunState, Stage};
-use crate::run::manifest::{Damage, EVENTS, RunFile};
+use crate::run::lock::lock;
+use crate::run::manifest::{Damage, EVENTS, Need, RunFile};
 use crate::run::origin::Finished;
 
 /// A run: a folder with everything that was made from some recordings by one configuration.
@@ -39,12 +43,35 @@ pub struct Run {
 
 impl Run {
     /// Opens the folder of a run to read, whatever is finished of it. Every file is compared with what was written; of
-    /// recordings the rest when they are read.
+    /// recordings the rest when they are read. What nobody needs, or says again what another file says, may be missing
+    /// or differ, which is said.
     ///
     /// # Errors
-    /// When it is not a run folder, or a file of it is missing or differs from what was written.
+    /// When it is not a run folder, or another file of it is missing or differs from what was written.
     pub fn open(folder: &Path, machine: &Machine) -> Result<Self> {
-        let folder = RunFolder::whole(folder)?;
+        Self::open_for(Need::All, folder, machine)
+    }
+
+    /// Opens the folder of a run to use its model: configuration, modes and weights must be there as they were written.
+    /// Recordings and all that is not the model may be missing, as where recordings must not be passed on. Of what can
+    /// be made again a file that differs from what was written is refused when it is used.
+    ///
+    /// # Errors
+    /// When it is not a run folder, or a file of the model is missing; when one of it, or a recording, the split or a note
+    /// of them, differs from what was written.
+    pub fn open_model(folder: &Path, machine: &Machine) -> Result<Self> {
+        Self::open_for(Need::Model, folder, machine)
+    }
+
+    /// Opens the folder of a run to use what it needs to be for; says what it does without.
+    ///
+    /// # Errors
+    /// As [`Run::open`].
+    pub(crate) fn open_for(need: Need, folder: &Path, machine: &Machine) -> Result<Self> {
+        let folder = RunFolder::whole(folder, need)?;
+        for told in Damage::grouped(folder.passed_over().iter().map(|one| (one, one.done_without()))) {
+            machine.progress.note(&told);
+        }
         let config = RunConfig::read(&folder.path("config.toml"), &[])?;
         Ok(Self::new(folder, &config, machine))
     }
@@ -57,15 +84,34 @@ impl Run {
     /// process writes into it.
     pub fn resume(folder: &Path, machine: &Machine) -> Result<Self> {
         sweep_drafts(folder, machine);
-        let (folder, damage) = RunFolder::look(folder)?;
+        let (folder, damage) = RunFolder::look(folder, Need::All)?;
         sweep(&places(&folder), machine);
         if damage.is_empty() {
             let config = RunConfig::read(&folder.path("config.toml"), &[])?;
             return Ok(Self::new(folder, &config, machine));
         }
         Damage::check(&damage, folder.root())?;
-        let _lock = lock(&folder)?;
-        let mut folder = RunFolder::open(folder.root())?;
+        let _lock = lock(folder.root(), &damage)?;
+        Self::mended(folder.root(), machine)
+    }
+
+    /// As [`Run::resume`], after the end of whoever writes into the folder, and as the only one that does until it is
+    /// dropped.
+    ///
+    /// # Errors
+    /// As [`Run::resume`]; [`Error::Stopped`](crate::Error) while it waits.
+    pub(crate) fn resume_alone(folder: &Path, machine: &Machine) -> Result<Self> {
+        // Before its lock would be made where there is no run.
+        RunFolder::open(folder)?;
+        let lock = lock::alone(&folder.join(gnp_file::Draft::LOCK), &folder.display().to_string(), machine)?;
+        let run = Self::mended(folder, machine)?;
+        Ok(Self { lock: Some(lock), ..run })
+    }
+
+    /// The run in `root`, made good by who holds its lock.
+    fn mended(root: &Path, machine: &Machine) -> Result<Self> {
+        let mut folder = RunFolder::open(root)?;
+        sweep(&places(&folder), machine);
         mend::mend(&mut folder, machine)?;
         let config = RunConfig::read(&folder.path("config.toml"), &[])?;
         Ok(Self::new(folder, &config, machine))
@@ -76,11 +122,18 @@ impl Run {
     /// # Errors
     /// As [`Run::open`]; when the run is not finished.
     pub fn finished(folder: &Path, machine: &Machine) -> Result<Self> {
-        let run = Self::open(folder, machine)?;
-        if !run.folder.has(Stage::Evaluate) {
-            bail!(Folder, "{} is not finished; run `gnp pipeline --resume --out {0}` first", folder.display());
+        Self::open(folder, machine)?.with_scores()
+    }
+
+    /// The same, which has scores.
+    ///
+    /// # Errors
+    /// When it has none.
+    pub fn with_scores(self) -> Result<Self> {
+        if !self.folder.has(Stage::Evaluate) {
+            bail!(Folder, "{} is not finished; run `gnp pipeline --resume --out {0}` first", self.path().display());
         }
-        Ok(run)
+        Ok(self)
     }
 
     pub(crate) fn new(folder: RunFolder, config: &RunConfig, machine: &Machine) -> Self {
@@ -117,7 +170,7 @@ impl Run {
     /// # Errors
     /// When another one writes into it, naming it; when the folder cannot be written to.
     pub fn lock(&self) -> Result<Lock> {
-        lock(&self.folder)
+        lock(self.path(), &[])
     }
 
     /// Does some work that writes into the folder, as the only one. What others did in it meanwhile is seen, and what they
@@ -128,12 +181,11 @@ impl Run {
     pub(crate) fn writing<T>(&mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
         let outermost = self.lock.is_none();
         if outermost {
-            self.lock = Some(lock(&self.folder)?);
-            let ready = RunFolder::open(self.folder.root()).and_then(|mut folder| {
-                sweep(&places(&folder), &self.machine);
-                mend::mend(&mut folder, &self.machine)?;
-                Ok(folder)
-            });
+            self.lock = Some(lock(self.path(), &[])?);
+            let ready = match self.folder.need() {
+                Need::All => Self::mended(self.path(), &self.machine).map(|run| run.folder),
+                need => RunFolder::whole(self.path(), need),
+            };
             match ready {
                 Ok(folder) => self.folder = folder,
                 Err(error) => {
@@ -168,7 +220,8 @@ impl Run {
             let earlier: BTreeMap<String, RunFile> = of_stage;
             run.folder.write()?;
             let (made, names) = work(run)?;
-            run.folder.record(stage, earlier.into_keys().chain(names))?;
+            run.folder.state.files.extend(earlier);
+            run.folder.record(stage, names)?;
             run.folder.state.finished.extend(seconds.map(|seconds| (stage, seconds)));
             run.folder.write()?;
             Ok(made)
@@ -282,20 +335,6 @@ impl Run {
         }
         Ok(gnp.selecting(predict.selection).trusting(predict.trust)?)
     }
-}
-
-/// The lock of who writes into a run folder.
-fn lock(folder: &RunFolder) -> Result<Lock> {
-    Lock::take(&folder.path(gnp_file::Draft::LOCK)).map_err(|error| match error {
-        LockError::Held { owner, .. } => {
-            let owner = owner.map_or_else(|| "another process".to_owned(), |owner| owner.to_string());
-            let dir = folder.root().display();
-            Error::Folder(format!(
-                "{dir} is being written by {owner}; wait for its end, stop it, or take another folder"
-            ))
-        }
-        other => other.into(),
-    })
 }
 
 /// Folders of a run in which files appear.

@@ -10,7 +10,11 @@ use std::path::Path;
 use std::sync::{Arc, LazyLock, Mutex};
 
 use candle_core::Device;
-use gnp::{CompareRequest, JobState, Machine, Plan, PreparedTable, Progress, Recipes, Run, Silent, Stage, Stop, Work};
+use gnp::{
+    CompareRequest, DriveOn, JobState, Machine, Plan, PreparedTable, Progress, Recipes, ReplayDrivers, Run, Silent,
+    Stage, Stop, Work,
+};
+use gnp_data::Dataset;
 use tempfile::TempDir;
 
 use smoke::config;
@@ -68,25 +72,34 @@ impl Progress for Notes {
     }
 }
 
-/// Does all of a run that is not done; what was said of it.
-fn completed(place: &Path) -> String {
+/// What some work says.
+fn said(work: impl FnOnce(&Machine)) -> String {
     let notes = Arc::new(Notes::default());
-    let machine = Machine::new(Device::Cpu, notes.clone(), Stop::new());
-    Plan::resume(place).begin(&machine).unwrap().complete().unwrap();
+    work(&Machine::new(Device::Cpu, notes.clone(), Stop::new()));
     let said = notes.0.lock().unwrap();
     said.join("\n")
+}
+
+/// Does all of a run that is not done; what was said of it.
+fn completed(place: &Path) -> String {
+    said(|machine| Plan::resume(place).begin(machine).unwrap().complete().unwrap())
 }
 
 fn refused(place: &Path) -> String {
     Plan::resume(place).begin(&Machine::default()).unwrap_err().chain()
 }
 
-/// What is wrong with a run and its recordings, if anything is.
-fn problem(place: &Path) -> Option<String> {
-    match Run::open(place, &Machine::default()) {
-        Ok(run) => run.recordings().err().map(|error| error.chain()),
-        Err(error) => Some(error.chain()),
-    }
+/// What is wrong with a run and its recordings, if anything is, and whether it is refused for it.
+fn problem(place: &Path) -> Option<(bool, String)> {
+    let mut refused = None;
+    let said = said(|machine| {
+        refused = match Run::open(place, machine) {
+            Ok(run) => run.recordings().err().map(|error| error.chain()),
+            Err(error) => Some(error.chain()),
+        };
+    });
+    let told = Some((false, said)).filter(|(_, said)| !said.is_empty());
+    refused.map(|message| (true, message)).or(told)
 }
 
 fn flip(path: &Path) {
@@ -123,10 +136,12 @@ fn every_file_of_a_run_that_is_missing_or_differs_is_found() {
                 None => fs::remove_file(&path).unwrap(),
                 Some(bytes) => fs::write(&path, bytes).unwrap(),
             }
-            let message = opened().expect(name);
-            // Without its state it is no run.
-            let says = if name == "run.json" && damage.is_none() { "is not a run folder" } else { name.as_str() };
-            assert!(message.contains(says), "{name}: {message}");
+            let (refused, message) = opened().expect(name);
+            assert!(message.contains(name.as_str()), "{name}: {message}");
+            // Told, where nobody needs it or another file says the same.
+            let spared = ["events/", "history-", "ingest.txt", "metrics.csv", "metrics.md", "rules.json"];
+            let spared = spared.iter().any(|start| name.starts_with(start)) || name.ends_with(".last.safetensors");
+            assert_eq!(refused, !spared, "{name}: {message}");
             tried += 1;
         }
         fs::write(&path, bytes).unwrap();
@@ -136,7 +151,7 @@ fn every_file_of_a_run_that_is_missing_or_differs_is_found() {
     // A recording in the place of another one is whole, and another one.
     let names: Vec<&String> = FINISHED.keys().filter(|name| name.ends_with(".rec")).collect();
     fs::write(place.join(names[0]), &FINISHED[names[1]]).unwrap();
-    assert!(opened().unwrap().contains(names[0]));
+    assert!(opened().unwrap().1.contains(names[0]));
 }
 
 #[test]
@@ -167,16 +182,19 @@ fn what_another_file_says_is_written_from_it_and_what_is_not_needed_is_done_with
     let place = out.path().join("run");
     copied(&place);
     fs::remove_file(place.join("history-goal.json")).unwrap();
-    fs::write(place.join("ingest.txt"), "").unwrap();
+    for name in ["ingest.txt", "metrics.csv", "metrics.md"] {
+        fs::write(place.join(name), "").unwrap();
+    }
     flip(&place.join("attraction.last.safetensors"));
     let said = completed(&place);
-    assert!(said.contains("history-goal.json is missing: it is written again"), "{said}");
+    assert!(said.contains("history-goal.json is missing: written again"), "{said}");
     assert!(
         said.contains("attraction.last.safetensors differs from what was written: its training is finished"),
         "{said}"
     );
     assert!(!said.contains("are made again"), "{said}");
-    let kept = ["history-goal.json", "ingest.txt", "goal.safetensors", "report.html"];
+    assert!(said.contains("metrics.csv and 1 more differ from what was written: written again"), "{said}");
+    let kept = ["history-goal.json", "ingest.txt", "metrics.csv", "metrics.md", "goal.safetensors", "report.html"];
     assert!(kept.iter().all(|name| fs::read(place.join(name)).unwrap() == FINISHED[*name]));
     assert!(!completed(&place).contains("differs"), "it is told once");
 
@@ -207,6 +225,87 @@ fn what_cannot_be_made_again_is_refused() {
     }
     fs::write(place.join("run.json"), &FINISHED["run.json"][..100]).unwrap();
     assert!(refused(&place).contains("run.json"));
+    fs::remove_file(place.join("run.json")).unwrap();
+    assert!(refused(&place).contains("run.json is missing; copy it back"), "{}", refused(&place));
+}
+
+#[test]
+fn a_model_is_used_without_its_recordings_and_not_with_other_ones() {
+    let out = TempDir::new().unwrap();
+    let place = out.path().join("run");
+    copied(&place);
+    for name in ["split.json", "ingest.json", "ingest.txt", "metrics.json", "history-goal.json"] {
+        fs::remove_file(place.join(name)).unwrap();
+    }
+    for folder in ["recordings", "events", "figures"] {
+        fs::remove_dir_all(place.join(folder)).unwrap();
+    }
+    assert!(Run::open(&place, &Machine::default()).is_err());
+    let other = gnp::embedded_folder(Dataset::NGSIM).unwrap().join("us101-24_1.csv.gz");
+    let said = said(|machine| {
+        let run = Run::open_model(&place, machine).unwrap();
+        let (scores, _) = gnp::score_recordings(&run, &other, &out.path().join("scores")).unwrap();
+        assert!(!scores.scores.is_empty());
+        let drive = DriveOn {
+            dataset: Dataset::NGSIM,
+            data: Some(other.clone()),
+            recording: None,
+            at_s: 0.,
+            seconds: 1.,
+            drivers: ReplayDrivers::Run(place.clone()),
+            seeds: vec![0],
+            out: out.path().join("driven"),
+            fcd: false,
+        };
+        gnp::simulate_from(&drive, machine).unwrap();
+        let mut tuned = Plan::new(config(&[]), None, out.path().join("tuned")).begin(machine).unwrap();
+        tuned.start_from(&place).unwrap();
+    });
+    assert!(said.contains("no densities") && said.contains("ingest.json is missing"), "{said}");
+    // Weights are not done without.
+    fs::remove_file(place.join("goal.safetensors")).unwrap();
+    assert!(Run::open_model(&place, &Machine::default()).unwrap_err().chain().contains("goal.safetensors"));
+
+    let place = out.path().join("exchanged");
+    copied(&place);
+    let names: Vec<&String> = FINISHED.keys().filter(|name| name.ends_with(".rec")).collect();
+    fs::write(place.join(names[0]), &FINISHED[names[1]]).unwrap();
+    let message = Run::open_model(&place, &Machine::default()).unwrap_err().chain();
+    assert!(message.contains(names[0]) && message.contains("differs"), "{message}");
+}
+
+#[test]
+fn report_and_figures_make_their_own_files_again() {
+    let out = TempDir::new().unwrap();
+    let place = out.path().join("run");
+    copied(&place);
+    fs::remove_file(place.join("report.html")).unwrap();
+    fs::write(place.join("metrics.md"), "edited").unwrap();
+    fs::remove_dir_all(place.join("events")).unwrap();
+    let told = said(|machine| drop(gnp::write_report(&mut Run::resume(&place, machine).unwrap()).unwrap()));
+    assert!(told.contains("metrics.md differs") && !told.contains("evaluate and what"), "{told}");
+    fs::remove_dir_all(place.join("figures")).unwrap();
+    let said = said(|machine| {
+        let mut run = Run::resume(&place, machine).unwrap();
+        gnp::draw_figures(&mut run, None, &place.join("figures")).unwrap();
+    });
+    let figures = FINISHED.keys().filter(|name| name.starts_with("figures/")).count();
+    assert!(said.contains(&format!("and {} more are missing: report", figures - 1)), "{said}");
+    same_results(&place);
+    assert!(place.join("report.html").exists());
+    assert!(!completed(&place).contains("again"), "nothing is left to do");
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_to_is_said_to_be_so() {
+    let out = TempDir::new().unwrap();
+    let place = out.path().join("run");
+    copied(&place);
+    fs::remove_file(place.join("run.lock")).unwrap();
+    fs::create_dir(place.join("run.lock")).unwrap();
+    fs::remove_file(place.join("report.html")).unwrap();
+    let message = refused(&place);
+    assert!(message.contains("run cannot be written to (") && message.ends_with("report.html is missing"), "{message}");
 }
 
 #[test]
@@ -299,4 +398,42 @@ fn a_job_of_a_table_whose_files_are_damaged_is_done_again() {
     fs::write(&asked, text.replace("seeds = 1", "seeds = 2")).unwrap();
     let message = PreparedTable::open(&place).unwrap_err().chain();
     assert!(message.contains("table.toml is damaged"), "{message}");
+}
+
+#[test]
+fn jobs_of_a_damaged_fold_do_not_keep_each_other_from_their_work() {
+    let out = TempDir::new().unwrap();
+    let (place, file) = (out.path().join("table"), out.path().join("recipes.toml"));
+    let embedded = include_str!("../configs/neural-baselines.toml");
+    let mut asked: toml::Table = embedded.parse().unwrap();
+    asked.retain(|stem, _| stem == "column_network");
+    for key in ["networks", "epochs"] {
+        asked["column_network"].as_table_mut().unwrap().insert(key.to_owned(), 1.into());
+    }
+    fs::write(&file, asked.to_string()).unwrap();
+    let recipes = Recipes::read(&file, &config(&[])).unwrap();
+    let asked = CompareRequest::new(Plan::new(config(&[]), None, &place), recipes);
+    let table = PreparedTable::prepare(&asked, &Machine::default()).unwrap();
+    let jobs: Vec<String> = table.jobs().unwrap().into_iter().map(|job| job.id).collect();
+    assert_eq!(jobs.len(), 2);
+    jobs.iter().for_each(|job| table.perform(job, &Machine::default()).unwrap());
+    let models: Vec<_> = files(&place).into_keys().filter(|name| name.ends_with(".safetensors")).collect();
+    let learned: Vec<_> = models.iter().filter(|name| name.starts_with("learned/")).collect();
+    let weights = place.join("gnp/repulsion.safetensors");
+    let before = fs::read(&weights).unwrap();
+    fs::remove_file(&weights).unwrap();
+    learned.iter().for_each(|name| fs::remove_file(place.join(name)).unwrap());
+    // One that writes into the run is waited for by the job of the run alone.
+    let held = gnp_file::Lock::take(&place.join("gnp/run.lock")).unwrap();
+    let waits = said(|machine| {
+        std::thread::scope(|scope| {
+            let gnp = scope.spawn(|| table.perform(&jobs[0], machine).unwrap());
+            table.perform(&jobs[1], machine).unwrap();
+            assert!(!gnp.is_finished() && !weights.exists());
+            drop(held);
+            gnp.join().unwrap();
+        });
+    });
+    assert!(table.jobs().unwrap().iter().all(|job| job.state == JobState::Done), "{waits}");
+    assert!(fs::read(&weights).unwrap() == before);
 }

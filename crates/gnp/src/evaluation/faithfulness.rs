@@ -357,7 +357,7 @@ fn ask(model: &dyn Predictor, seen: &Observation<'_>) -> Result<Option<(Sums, bo
 
 /// What a run's [`FILE`] says; nothing where it has none.
 pub(super) fn load(folder: &RunFolder) -> Result<Vec<Faithfulness>> {
-    if folder.path(FILE).exists() { folder.read_json(FILE) } else { Ok(Vec::new()) }
+    if folder.usable(FILE)?.exists() { folder.read_json(FILE) } else { Ok(Vec::new()) }
 }
 
 /// The table of it; `None` where nothing was measured.

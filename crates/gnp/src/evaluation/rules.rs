@@ -86,7 +86,7 @@ fn unusable(run: &Run) -> String {
 fn fitted(run: &Run) -> Result<Fitted> {
     match kept(run)? {
         Some(kept) => Ok(kept),
-        None => fit(run),
+        None => fit(run).with_context(|| format!("no rules in {} and they cannot be fitted", run.path().display())),
     }
 }
 

@@ -36,7 +36,7 @@ pub(super) fn modes(material: &Material<'_>) -> Figure {
 
 /// Top-1 and best of 6 of every model under the clean protocol.
 pub(super) fn error_by_horizon(run: &Run) -> Result<Figure> {
-    let mut scores = load_scores(&run.folder.path("metrics.json"))?;
+    let mut scores = load_scores(&run.folder.usable("metrics.json")?)?;
     scores.retain(|score| score.protocol == Protocol::Clean && score.manoeuvre.is_none());
     let site = if scores.iter().any(|score| score.site == ALL_SITES) {
         ALL_SITES.to_owned()
@@ -109,7 +109,7 @@ pub(super) fn reliability(material: &Material<'_>) -> Figure {
 pub(super) fn learning(run: &Run) -> Result<Figure> {
     let mut panels = Vec::new();
     for stage in [Stage::Goal, Stage::Attraction, Stage::Repulsion] {
-        let history = History::load(&run.folder.path(format!("history-{}.json", stage.name())))?;
+        let history = History::load(&run.folder.usable(&format!("history-{}.json", stage.name()))?)?;
         let curve = |name: &str, points: Vec<[f64; 2]>| Series { name: name.to_owned(), points, band: Vec::new() };
         let train = history.epochs.iter().map(|e| [e.epoch as f64, f64::from(e.train_loss)]).collect();
         let chosen = |e: &gnp_train::EpochRecord| e.validation.first().map(|s| [e.epoch as f64, f64::from(s.value)]);

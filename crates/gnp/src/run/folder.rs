@@ -13,93 +13,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Context as _, Error, Result, bail};
 use crate::inside::inside;
-use crate::run::manifest::{Damage, EVENTS, RunFile};
+use crate::run::foreign::foreign;
+use crate::run::manifest::{Consequence, Damage, EVENTS, Need, RunFile};
+
+pub use crate::run::stage::Stage;
 
 /// Version of the layout of a run folder.
 const FORMAT: u32 = 2;
-const STATE: &str = "run.json";
+pub(super) const STATE: &str = "run.json";
 /// What to do about a `run.json` that cannot be used.
-const REMEDY: &str = "copy it back, or start a new run";
-
-/// A stage of the pipeline, in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[non_exhaustive]
-pub enum Stage {
-    /// Recordings to windows and their split.
-    Ingest,
-    /// Training windows to intention modes.
-    Modes,
-    /// The goal network.
-    Goal,
-    /// The goal attraction.
-    Attraction,
-    /// The repulsion of vehicles and lines.
-    Repulsion,
-    /// Scores on the test part.
-    Evaluate,
-    /// Figures and the report.
-    Report,
-}
-
-impl Stage {
-    /// All of them, in order.
-    pub const ALL: [Self; 7] =
-        [Self::Ingest, Self::Modes, Self::Goal, Self::Attraction, Self::Repulsion, Self::Evaluate, Self::Report];
-
-    /// As in file names.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ingest => "ingest",
-            Self::Modes => "modes",
-            Self::Goal => "goal",
-            Self::Attraction => "attraction",
-            Self::Repulsion => "repulsion",
-            Self::Evaluate => "evaluate",
-            Self::Report => "report",
-        }
-    }
-
-    /// The command that does it.
-    fn command(self) -> String {
-        match self {
-            Self::Ingest | Self::Evaluate | Self::Report => self.name().to_owned(),
-            _ => format!("train --stage {}", self.name()),
-        }
-    }
-
-    /// The files that it leaves under names known beforehand, from the run folder.
-    fn files(self) -> Vec<String> {
-        let named = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-        let name = self.name();
-        match self {
-            Self::Ingest => named(&["config.toml", "ingest.json", "ingest.txt"]),
-            Self::Modes => named(&["modes.safetensors"]),
-            Self::Goal | Self::Attraction | Self::Repulsion => {
-                vec![format!("{name}.safetensors"), format!("{name}.last.safetensors"), format!("history-{name}.json")]
-            }
-            Self::Evaluate => {
-                named(&["metrics.json", "metrics.csv", "metrics.md", "differences.json", "predictions.parquet"])
-            }
-            Self::Report => named(&["report.html"]),
-        }
-    }
-
-    /// What must be finished before it.
-    #[must_use]
-    pub fn needs(self) -> &'static [Self] {
-        match self {
-            Self::Ingest => &[],
-            Self::Modes => &[Self::Ingest],
-            // The split is made with the modes.
-            Self::Goal | Self::Attraction => &[Self::Ingest, Self::Modes],
-            Self::Repulsion => &[Self::Ingest, Self::Modes, Self::Attraction],
-            Self::Evaluate => &[Self::Ingest, Self::Modes, Self::Goal, Self::Attraction, Self::Repulsion],
-            Self::Report => &[Self::Ingest, Self::Modes, Self::Goal, Self::Attraction, Self::Repulsion, Self::Evaluate],
-        }
-    }
-}
+pub(super) const REMEDY: &str = "copy it back, or start a new run";
 
 /// Where the recordings of a run come from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -179,6 +102,10 @@ pub(crate) struct RunFolder {
     root: PathBuf,
     /// What is finished.
     pub(crate) state: RunState,
+    /// What it was opened for.
+    need: Need,
+    /// Files that are not what was written and are not needed; who comes to use one is refused then.
+    passed_over: Vec<Damage>,
 }
 
 impl RunFolder {
@@ -209,16 +136,17 @@ impl RunFolder {
         };
         // Files by these names are removed, too.
         state.files.keys().try_for_each(|name| inside(root, name).map(drop))?;
-        Ok(Self { root: root.to_owned(), state })
+        Ok(Self { root: root.to_owned(), state, need: Need::All, passed_over: Vec::new() })
     }
 
-    /// Opens a folder and looks what is damaged in it.
+    /// Opens a folder and looks what is damaged of the files that `need` looks at.
     ///
     /// # Errors
     /// As [`RunFolder::open`].
-    pub(crate) fn look(root: &Path) -> Result<(Self, Vec<Damage>)> {
+    pub(crate) fn look(root: &Path, need: Need) -> Result<(Self, Vec<Damage>)> {
         let mut folder = Self::open(root)?;
         loop {
+            folder.need = need;
             let damage = folder.damage();
             let now = if damage.is_empty() { None } else { Some(Self::open(root)?) };
             match now {
@@ -229,18 +157,49 @@ impl RunFolder {
         }
     }
 
-    /// Opens a folder in which every file is as it was written.
+    /// Opens a folder in which every file that is needed is as it was written; others are passed over.
     ///
     /// # Errors
     /// As [`RunFolder::open`]; when a file is missing or differs, with how it is made again.
-    pub(crate) fn whole(root: &Path) -> Result<Self> {
-        let (folder, damage) = Self::look(root)?;
-        if damage.is_empty() { Ok(folder) } else { Err(Error::Folder(Damage::refusal(&damage, root))) }
+    pub(crate) fn whole(root: &Path, need: Need) -> Result<Self> {
+        let (mut folder, damage) = Self::look(root, need)?;
+        let (blocking, passed_over): (Vec<Damage>, Vec<Damage>) =
+            damage.into_iter().partition(|one| need.is_blocked_by(one));
+        if !blocking.is_empty() {
+            return Err(Error::Folder(Damage::refusal(&blocking, root)));
+        }
+        for one in passed_over.iter().filter(|one| matches!(one.consequence(), Consequence::Unneeded(_))) {
+            folder.state.files.remove(&one.name);
+        }
+        folder.passed_over = passed_over;
+        Ok(folder)
     }
 
-    /// Files that are not what was written.
+    /// Files that are not what was written, of those that are looked at.
     pub(crate) fn damage(&self) -> Vec<Damage> {
-        self.state.files.iter().filter_map(|(name, file)| file.damage(&self.root, name)).collect()
+        let looked_at = self.state.files.iter().filter(|(_, file)| self.need.looks_at(file.stage));
+        looked_at.filter_map(|(name, file)| file.damage(&self.root, name)).collect()
+    }
+
+    /// What it was opened for.
+    pub(super) fn need(&self) -> Need {
+        self.need
+    }
+
+    /// Files that are not what was written and that it was opened without.
+    pub(super) fn passed_over(&self) -> &[Damage] {
+        &self.passed_over
+    }
+
+    /// A file in it that is about to be read.
+    ///
+    /// # Errors
+    /// When it is not what was written and was passed over when the folder was opened.
+    pub(crate) fn usable(&self, name: &str) -> Result<PathBuf> {
+        match self.passed_over.iter().find(|one| one.name == name) {
+            Some(one) => Err(Error::Folder(Damage::refusal(std::slice::from_ref(one), &self.root))),
+            None => Ok(self.path(name)),
+        }
     }
 
     /// The folder.
@@ -258,7 +217,7 @@ impl RunFolder {
     /// # Errors
     /// When it is missing or damaged.
     pub(crate) fn read_json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T> {
-        let path = self.path(name);
+        let path = self.usable(name)?;
         let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
         serde_json::from_str(&text).with_context(|| format!("{} is damaged; start a new run", path.display()))
     }
@@ -361,30 +320,6 @@ impl RunFolder {
     }
 }
 
-/// What a folder is that is no run, and what to do.
-fn foreign(root: &Path) -> String {
-    let dir = root.display();
-    if !root.is_dir() {
-        let is = if root.exists() { "is no folder" } else { "is not there" };
-        return format!(
-            "{dir} {is}: there is no run to go on with; start one with `gnp pipeline --dataset NAME --out {dir}`"
-        );
-    }
-    let has = |name: &str| root.join(name).exists();
-    let start = "start one with `gnp ingest --dataset NAME --out DIR`, a new folder";
-    if has("table.toml") {
-        format!("{dir} is not a run folder but that of a table; go on with it by `gnp compare --resume --out {dir}`")
-    } else if has("variants") || has("gnp") {
-        format!("{dir} is not a run folder but that of a table; its runs are below it, such as {dir}/gnp")
-    } else if has("eval.json") {
-        format!("{dir} is not a run folder: it has the scores of one on other recordings; {start}")
-    } else if has("scene.toml") || has("tracks.parquet") {
-        format!("{dir} is not a run folder: it has simulated traffic; {start}")
-    } else {
-        format!("{dir} is not a run folder, it has no {STATE}; {start}")
-    }
-}
-
 /// Writes `run.json`.
 pub(crate) fn write_state(root: &Path, state: &RunState) -> Result<()> {
     Ok(gnp_file::save_json(&root.join(STATE), state)?)
@@ -441,7 +376,7 @@ mod tests {
         }
         fs::write(run.path("mine.txt"), "mine").unwrap();
         run.forget(&[Stage::Attraction]).unwrap();
-        let run = RunFolder::whole(run.root()).unwrap();
+        let run = RunFolder::whole(run.root(), Need::All).unwrap();
         let left: Vec<Stage> = run.state.finished.keys().copied().collect();
         assert_eq!(left, [Stage::Ingest, Stage::Modes, Stage::Goal]);
         let there = ["mine.txt", "goal.safetensors"].map(|name| run.path(name).exists());
@@ -462,14 +397,14 @@ mod tests {
         finish(&mut run, Stage::Goal);
         let names: Vec<&str> = run.state.files.keys().map(String::as_str).collect();
         assert!(names.contains(&"events/events.out.tfevents.1.gnp.0") && !names.contains(&"events/notes"), "{names:?}");
-        RunFolder::whole(run.root()).unwrap();
+        RunFolder::whole(run.root(), Need::All).unwrap();
         for (name, text) in [("goal.safetensors", Some("goal.safetensorz")), ("history-goal.json", None)] {
             let path = run.path(name);
             match text {
                 Some(text) => fs::write(&path, text).unwrap(),
                 None => fs::remove_file(&path).unwrap(),
             }
-            let message = RunFolder::whole(run.root()).unwrap_err().to_string();
+            let message = RunFolder::whole(run.root(), Need::All).unwrap_err().to_string();
             assert!(message.contains(name) && message.contains("--resume"), "{message}");
             fs::write(&path, name).unwrap();
         }

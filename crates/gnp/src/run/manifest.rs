@@ -16,6 +16,16 @@ use crate::run::folder::Stage;
 /// Folder of the curves for TensorBoard.
 pub(crate) const EVENTS: &str = "events";
 
+/// What is wrong with a file that is not there.
+const MISSING: &str = "is missing";
+
+/// The files that make a model.
+const MODEL: [&str; 5] =
+    ["config.toml", "modes.safetensors", "goal.safetensors", "attraction.safetensors", "repulsion.safetensors"];
+
+/// The scores once more, for people and spreadsheets.
+pub(super) const TABLES: [&str; 2] = ["metrics.csv", "metrics.md"];
+
 /// A file of a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
@@ -55,7 +65,7 @@ impl RunFile {
         let problem = match found {
             Ok(true) => return None,
             Ok(false) => "differs from what was written".to_owned(),
-            Err(error) if error.kind() == ErrorKind::NotFound => "is missing".to_owned(),
+            Err(error) if error.kind() == ErrorKind::NotFound => MISSING.to_owned(),
             Err(error) => format!("cannot be read ({error})"),
         };
         Some(Damage { name: name.to_owned(), stage: self.stage, problem })
@@ -88,12 +98,43 @@ pub(crate) enum Consequence {
     Unneeded(&'static str),
 }
 
+/// For what a run folder is opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Need {
+    /// Whatever is in it.
+    All,
+    /// Its model alone, which may be used where its recordings must not be taken.
+    Model,
+    /// What ingest left: recordings and split.
+    Ingest,
+}
+
+impl Need {
+    /// Whether files of a stage matter at all.
+    pub(crate) fn looks_at(self, stage: Stage) -> bool {
+        self != Self::Ingest || stage == Stage::Ingest
+    }
+
+    /// Whether the run cannot be used so with this damage.
+    pub(crate) fn is_blocked_by(self, damage: &Damage) -> bool {
+        match self {
+            // Recordings that are not there were left out; ones that differ are damaged, which is not to be passed over.
+            Self::Model => {
+                let gone = damage.problem == MISSING;
+                MODEL.contains(&damage.name.as_str()) || !gone && damage.consequence() == Consequence::Lost
+            }
+            Self::All | Self::Ingest => matches!(damage.consequence(), Consequence::Lost | Consequence::Again),
+        }
+    }
+}
+
 impl Damage {
     pub(crate) fn consequence(&self) -> Consequence {
         let name = self.name.as_str();
         match self.stage {
             Stage::Ingest if name == rules::FILE => Consequence::Unneeded("the rules are fitted again"),
             Stage::Ingest if name == "ingest.txt" => Consequence::Rewritten,
+            Stage::Evaluate if TABLES.contains(&name) => Consequence::Rewritten,
             Stage::Ingest => Consequence::Lost,
             _ if name.starts_with("history-") => Consequence::Rewritten,
             _ if name.starts_with(EVENTS) => Consequence::Unneeded("its curves are in the history, too"),
@@ -107,6 +148,36 @@ impl Damage {
     /// What is wrong: `goal.safetensors is missing`.
     pub(crate) fn words(&self) -> String {
         format!("{} {}", self.name, self.problem)
+    }
+
+    /// What is wrong with files and what becomes of each, a line for all that are alike:
+    /// `figures/a.png and 19 more are missing: they are made again`.
+    pub(crate) fn grouped<'a>(all: impl IntoIterator<Item = (&'a Self, String)>) -> Vec<String> {
+        let mut groups: Vec<(&Self, String, usize)> = Vec::new();
+        for (one, told) in all {
+            let alike = |it: &Self, of: &String| it.stage == one.stage && it.problem == one.problem && *of == told;
+            match groups.iter_mut().find(|(first, of, _)| alike(first, of)) {
+                Some((.., count)) => *count += 1,
+                None => groups.push((one, told, 1)),
+            }
+        }
+        let line = |(first, told, count): (&Self, String, usize)| match count {
+            1 => format!("{}: {told}", first.words()),
+            _ => {
+                let problem = first.problem.replacen("is ", "are ", 1).replacen("differs", "differ", 1);
+                format!("{} and {} more {problem}: {told}", first.name, count - 1)
+            }
+        };
+        groups.into_iter().map(line).collect()
+    }
+
+    /// What it means for who reads a run and does without the file.
+    pub(crate) fn done_without(&self) -> String {
+        match self.consequence() {
+            Consequence::Unneeded(why) => why.to_owned(),
+            Consequence::Rewritten => "says only what other files say".to_owned(),
+            Consequence::Lost | Consequence::Again => "done without".to_owned(),
+        }
     }
 
     /// Refuses the run in `root` where it is damaged beyond repair.

@@ -12,6 +12,7 @@ use toml::Table;
 use crate::config::{RunConfig, first_difference};
 use crate::error::{Context as _, Result, bail};
 use crate::run::folder::{RunFolder, Stage};
+use crate::run::manifest::Need;
 
 /// Folder of the copied files in a run that starts from another one.
 pub(super) const FOLDER: &str = "origin";
@@ -88,7 +89,7 @@ impl Finished {
     /// When it is none, or one whose trainings are not all finished.
     pub(crate) fn open(root: &Path) -> Result<Self> {
         let cannot = || format!("cannot start from {}", root.display());
-        let folder = RunFolder::whole(root).with_context(cannot)?;
+        let folder = RunFolder::whole(root, Need::Model).with_context(cannot)?;
         if let Some(stage) = COPIED.into_iter().find(|stage| !folder.has(*stage)) {
             bail!(
                 Folder,

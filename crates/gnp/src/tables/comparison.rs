@@ -26,6 +26,7 @@ use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::draft::sweep;
 use crate::run::folder::RunFolder;
+use crate::run::manifest::Need;
 
 /// Row and job of the goal network alone; it has no training of its own.
 const GOAL_HEAD: &str = "goal head";
@@ -112,7 +113,7 @@ impl Learner {
 /// The run of GNP with a seed, trained in `folder` unless it was before.
 fn trained_gnp(full: &Run, seed: u64, folder: &Path) -> Result<Run> {
     let mut run = if folder == full.path() {
-        Run::resume(folder, &full.machine)?
+        Run::resume_alone(folder, &full.machine)?
     } else {
         let setting = Setting { key: "seed".to_owned(), text: seed.to_string() };
         let config = RunConfig::read(&full.folder.path("config.toml"), &[setting])?;
@@ -407,7 +408,8 @@ impl PreparedTable {
         if !place.exists() {
             return Ok(Standing { state: JobState::Begun, damage: vec![format!("{} is missing", place.display())] });
         }
-        let (run, damage) = RunFolder::look(&place)?;
+        let (run, mut damage) = RunFolder::look(&place, Need::All)?;
+        damage.retain(|one| Need::All.is_blocked_by(one));
         let whole = damage.is_empty() && TRAINED.into_iter().all(|stage| run.has(stage));
         let state = if whole { JobState::Done } else { JobState::Begun };
         let damage = damage.iter().map(|one| format!("{}: {}", place.display(), one.words())).collect();
@@ -427,7 +429,8 @@ impl PreparedTable {
         }
         job.discard(&folder)?;
         let started = Instant::now();
-        let run = Run::resume(&folder.join("gnp"), machine)?;
+        // What is damaged of its trainings the job of the run itself makes good, which may be at work.
+        let run = Run::open_for(Need::Ingest, &folder.join("gnp"), machine)?;
         let learner = self.learner(job)?;
         let place = folder.join(learner.folder(job.seed, job.seed == self.first()));
         sweep(&[folder.join(jobs::FOLDER), place.clone()], machine);

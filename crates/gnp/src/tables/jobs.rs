@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 use std::{fmt, fs};
 
-use gnp_file::{Lock, LockError, Seal};
+use gnp_file::{Lock, Seal};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context as _, Result, bail};
 use crate::inside::inside;
 use crate::machine::Machine;
+use crate::run::lock::alone;
 
 /// How far a job is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,9 +63,6 @@ pub(super) struct Job {
 
 /// Folder of what is noted of jobs, below that of their fold.
 pub(super) const FOLDER: &str = "jobs";
-
-/// How often a lock that another process holds is asked after.
-const PERIOD: Duration = Duration::from_millis(200);
 
 /// What a job leaves beside its models.
 #[derive(Serialize, Deserialize)]
@@ -153,31 +150,6 @@ impl Job {
             files.insert(name, seal);
         }
         Ok(gnp_file::save_json(&self.note(fold), &Note { state, seconds: (seconds * 100.).round() / 100., files })?)
-    }
-}
-
-/// Waits until no other process holds the lock at `path`, whose folder is made. `what` is done by who holds it.
-///
-/// # Errors
-/// When the file cannot be made; [`Error::Stopped`](crate::Error) while it waits.
-pub(super) fn alone(path: &Path, what: &str, machine: &Machine) -> Result<Lock> {
-    if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    }
-    let mut told = false;
-    loop {
-        match Lock::take(path) {
-            Err(LockError::Held { owner, .. }) => {
-                if !told {
-                    let owner = owner.map_or_else(|| "another process".to_owned(), |owner| owner.to_string());
-                    machine.progress.note(&format!("{what}: {owner} does it; waiting for its end"));
-                    told = true;
-                }
-                machine.stop.check()?;
-                std::thread::sleep(PERIOD);
-            }
-            other => return Ok(other?),
-        }
     }
 }
 

@@ -11,6 +11,7 @@ use crate::error::{Context as _, Error, Result, bail};
 use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::draft::{occupied, sweep};
+use crate::run::lock::alone;
 use crate::stages::Plan;
 
 /// What preparation writes of what a comparison was asked for, once all of its folds are prepared.
@@ -100,9 +101,9 @@ impl Place {
     /// of killed ones go.
     ///
     /// # Errors
-    /// As [`jobs::alone`].
+    /// As [`alone`].
     pub(super) fn alone(&self, machine: &Machine) -> Result<Lock> {
-        let lock = jobs::alone(&self.folder.join(jobs::FOLDER).join("table.lock"), self.stem, machine)?;
+        let lock = alone(&self.folder.join(jobs::FOLDER).join("table.lock"), self.stem, machine)?;
         sweep(std::slice::from_ref(&self.folder), machine);
         Ok(lock)
     }

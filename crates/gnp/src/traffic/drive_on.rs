@@ -81,7 +81,7 @@ pub fn simulate_from(of: &DriveOn, machine: &Machine) -> Result<Vec<Measured>> {
     let replay = Replay::of(recording, road, first + start.round() as u32, &settings)?;
     let scene = replay.scene();
     let run = match &of.drivers {
-        ReplayDrivers::Run(folder) => Some(Run::open(folder, machine)?),
+        ReplayDrivers::Run(folder) => Some(Run::open_model(folder, machine)?),
         _ => None,
     };
     if let Some(run) = run.as_ref().filter(|run| run.config().dataset != of.dataset) {
