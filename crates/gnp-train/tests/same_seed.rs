@@ -391,7 +391,8 @@ fn go_on(
 ) -> (Result<gnp_train::Progress, TrainError>, bool) {
     let weights = Weights::seeded(SEED, &Device::Cpu);
     let net = GoalNet::new(&goal_config(), data.features.goal_shape(), weights.builder()).unwrap();
-    let stage = GoalStage::new(net, &weights, &data.features, &data.modes, data.parts, &goal_training()).unwrap();
+    let training = goal_training();
+    let stage = GoalStage::new(net, &weights, &data.features, &data.modes, data.parts, &training).unwrap();
     let mut sink = FullAt(full_at, Checkpoints::new(folder, data.header.clone(), &weights));
     let last = sink.1.last().unwrap();
     let stop = AtomicBool::new(false);
