@@ -55,16 +55,21 @@ impl Owner {
     /// This process, now.
     fn now() -> Self {
         let program = env::current_exe().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-        let host = fs::read_to_string("/proc/sys/kernel/hostname").map(|name| name.trim().to_owned());
-        let named = || ["HOSTNAME", "COMPUTERNAME"].iter().find_map(|key| env::var(key).ok());
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
         Self {
             pid: process::id(),
-            host: host.ok().or_else(named).unwrap_or_else(|| "unknown".to_owned()),
+            host: host(),
             program: program.unwrap_or_else(|| "gnp".to_owned()),
             since: utc(seconds),
         }
     }
+}
+
+/// Name of this computer; `unknown` where it has none.
+pub(crate) fn host() -> String {
+    let kernel = fs::read_to_string("/proc/sys/kernel/hostname").map(|name| name.trim().to_owned());
+    let named = || ["HOSTNAME", "COMPUTERNAME"].iter().find_map(|key| env::var(key).ok());
+    kernel.ok().or_else(named).unwrap_or_else(|| "unknown".to_owned())
 }
 
 impl fmt::Display for Owner {
@@ -86,17 +91,26 @@ impl Lock {
             return Err(io(io::Error::other("it is a symbolic link; remove it")));
         }
         let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
-        if let Err(TryLockError::WouldBlock) = file.try_lock() {
-            let mut text = String::new();
-            // Where a lock keeps readers out, or its owner has not said yet who it is, it has no name.
-            let owner = file.read_to_string(&mut text).ok().and_then(|_| serde_json::from_str(&text).ok());
-            return Err(LockError::Held { path: path.to_owned(), owner });
-        }
+        acquire(&mut file, path)?;
         // For people: a full disk is no reason to go without the lock.
         let _ = file.set_len(0);
         let _ = serde_json::to_vec(&Owner::now()).map(|text| file.write_all(&text));
         Ok(Self { file })
     }
+}
+
+/// Locks the file, which is at `path`, until it is closed.
+///
+/// # Errors
+/// [`LockError::Held`] when it is locked already.
+pub(crate) fn acquire(file: &mut File, path: &Path) -> Result<(), LockError> {
+    if let Err(TryLockError::WouldBlock) = file.try_lock() {
+        let mut text = String::new();
+        // Where a lock keeps readers out, or its owner has not said yet who it is, it has no name.
+        let owner = file.read_to_string(&mut text).ok().and_then(|_| serde_json::from_str(&text).ok());
+        return Err(LockError::Held { path: path.to_owned(), owner });
+    }
+    Ok(())
 }
 
 impl Drop for Lock {

@@ -1,22 +1,28 @@
 //! Files and folders under temporary names, and what killed programs left of them.
 //!
 //! A temporary file is locked by who writes it, a draft by who fills it. The lock ends with the program: what bears such a
-//! name and can be locked has lost its owner. Where files cannot be locked nothing is swept.
+//! name and can be locked has lost its owner. Where files cannot be locked nothing is swept. Some network file systems
+//! lock within one computer alone; so the names have a mark of the computer, and those of others stay until nothing was
+//! written there for [`FORGOTTEN`].
 
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use tempfile::{NamedTempFile, TempDir};
 
-use crate::{Lock, LockError, parent};
+use crate::lock::{acquire, host};
+use crate::{Lock, LockError, parent, sha256};
 
 /// Names of temporary files begin and end so.
 const PREFIX: &str = ".gnp-";
 const SUFFIX: &str = ".tmp";
 /// How often a name is tried that a sweep took away between its making and its locking.
 const TRIES: usize = 16;
+/// After this long without a change another computer's file or draft has lost its owner.
+const FORGOTTEN: Duration = Duration::from_hours(24 * 7);
 
 /// A file under a temporary name; gone when it is dropped before it is persisted.
 #[derive(Debug)]
@@ -31,7 +37,8 @@ pub struct Temporary {
 /// When the folder is missing or cannot be written to.
 pub fn beside(path: &Path) -> io::Result<Temporary> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(PREFIX).suffix(SUFFIX);
+    let prefix = format!("{PREFIX}{}", mark());
+    builder.prefix(&prefix).suffix(SUFFIX);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
     for _ in 0..TRIES {
@@ -111,9 +118,26 @@ pub fn copy(from: &Path, to: &Path) -> io::Result<()> {
 /// many. Files of other programs stay, and so does what cannot be removed.
 #[must_use = "what was removed is to be said"]
 pub fn sweep(folder: &Path) -> usize {
-    let is_ours = |name: &str| name.starts_with(PREFIX) && name.ends_with(SUFFIX);
-    let files = entries(folder, is_ours).filter(|path| fs::symlink_metadata(path).is_ok_and(|found| found.is_file()));
-    files.filter(|path| remove_abandoned(path).unwrap_or(false)).count()
+    let files = entries(folder, |name| name.starts_with(PREFIX) && name.ends_with(SUFFIX))
+        .filter(|path| fs::symlink_metadata(path).is_ok_and(|found| found.is_file()));
+    files.filter(|path| may_sweep(path, PREFIX) && remove_abandoned(path).unwrap_or(false)).count()
+}
+
+/// The mark of this computer in a temporary name, the same for all its programs.
+fn mark() -> String {
+    format!("{}-", &sha256([host().as_bytes()])[..8])
+}
+
+/// Whether a lock tells if the owner of `path` is gone, as it is of this computer, or nothing was written there for long.
+fn may_sweep(path: &Path, prefix: &str) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_prefix(prefix));
+    if name.is_some_and(|name| name.starts_with(&mark())) {
+        return true;
+    }
+    let changed = |path: &Path| fs::symlink_metadata(path).and_then(|found| found.modified()).ok();
+    let inside = entries(path, |_| true).filter_map(|path| changed(&path));
+    let newest = inside.chain(changed(path)).max();
+    newest.is_some_and(|newest| newest.elapsed().is_ok_and(|age| age > FORGOTTEN))
 }
 
 fn remove_abandoned(path: &Path) -> io::Result<bool> {
@@ -122,7 +146,7 @@ fn remove_abandoned(path: &Path) -> io::Result<bool> {
 }
 
 /// What is in `folder` under a name that fits.
-fn entries(folder: &Path, fits: impl Fn(&str) -> bool) -> impl Iterator<Item = PathBuf> {
+fn entries<F: Fn(&str) -> bool>(folder: &Path, fits: F) -> impl Iterator<Item = PathBuf> + use<F> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     entries.filter(move |entry| entry.file_name().to_str().is_some_and(&fits)).map(|entry| entry.path())
 }
@@ -142,24 +166,31 @@ impl Draft {
     /// Starts a folder beside `place` for what will stand there.
     ///
     /// # Errors
-    /// When the folder that `place` is in is missing or cannot be written to.
-    pub fn start(place: &Path) -> io::Result<Self> {
+    /// [`LockError::Held`] when another program fills one for the same place; [`LockError::Io`] when the folder that
+    /// `place` is in is missing or cannot be written to.
+    pub fn start(place: &Path) -> Result<Self, LockError> {
+        let io = |source| LockError::Io { path: place.to_owned(), source };
+        // Two that start at once do not see each other; then one fails where it is published.
+        if let Some(held) = drafts(place).find_map(|folder| held(&folder.join(Self::LOCK))) {
+            return Err(held);
+        }
         let mut builder = tempfile::Builder::new();
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777)); // less the umask
-        let prefix = draft_prefix(place);
+        let mut prefix = draft_prefix(place);
+        prefix.push(mark());
         builder.prefix(&prefix);
         for _ in 0..TRIES {
-            let folder = builder.tempdir_in(parent(place))?;
+            let folder = builder.tempdir_in(parent(place)).map_err(io)?;
             let path = folder.path().join(Self::LOCK);
             match Lock::take(&path) {
                 Ok(lock) if path.exists() => return Ok(Self { lock, folder }),
                 Ok(_) | Err(LockError::Held { .. }) => {}
                 Err(LockError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => {}
-                Err(LockError::Io { source, .. }) => return Err(source),
+                Err(error) => return Err(error),
             }
         }
-        Err(io::Error::other("drafts are swept away before they are filled"))
+        Err(io(io::Error::other("drafts are swept away before they are filled")))
     }
 
     /// The folder as it is now.
@@ -199,9 +230,20 @@ fn draft_prefix(place: &Path) -> OsString {
 pub fn sweep_drafts(place: &Path) -> usize {
     let prefix = draft_prefix(place);
     let Some(prefix) = prefix.to_str() else { return 0 };
-    let folders = entries(parent(place), |name| name.starts_with(prefix))
-        .filter(|path| fs::symlink_metadata(path).is_ok_and(|found| found.is_dir()));
-    folders.filter(|path| remove_draft(path)).count()
+    drafts(place).filter(|path| may_sweep(path, prefix) && remove_draft(path)).count()
+}
+
+/// The drafts of what is to stand at `place`, of all computers.
+fn drafts(place: &Path) -> impl Iterator<Item = PathBuf> {
+    let prefix = draft_prefix(place);
+    let folders = entries(parent(place), move |name| prefix.to_str().is_some_and(|prefix| name.starts_with(prefix)));
+    folders.filter(|path| fs::symlink_metadata(path).is_ok_and(|found| found.is_dir()))
+}
+
+/// That the lock at `path` is held, if it is.
+fn held(path: &Path) -> Option<LockError> {
+    let mut file = File::options().read(true).write(true).open(path).ok()?;
+    acquire(&mut file, path).err()
 }
 
 fn remove_draft(folder: &Path) -> bool {
@@ -226,6 +268,12 @@ mod tests {
 
     fn count(folder: &Path) -> usize {
         fs::read_dir(folder).unwrap().count()
+    }
+
+    /// Makes it as old as what is forgotten.
+    fn age(path: &Path) {
+        let then = std::time::SystemTime::now() - FORGOTTEN - Duration::from_hours(1);
+        File::open(path).unwrap().set_modified(then).unwrap();
     }
 
     #[test]
@@ -271,9 +319,11 @@ mod tests {
         let path = folder.path().join("a.txt");
         let mut written = beside(&path).unwrap();
         // As a killed program leaves them: under such a name, locked by nobody.
-        let left = [".gnp-abc123.tmp", ".gnp-.tmp"].map(|name| folder.path().join(name));
-        let others = [".tmpAbC", ".gnp-notes", "gnp-a.tmp"].map(|name| folder.path().join(name));
+        let (ours, theirs) = (format!(".gnp-{}a.tmp", mark()), ".gnp-01234567-a.tmp");
+        let left = [&ours, ".gnp-01234567-old.tmp"].map(|name| folder.path().join(name));
+        let others = [".tmpAbC", ".gnp-notes", "gnp-a.tmp", theirs].map(|name| folder.path().join(name));
         left.iter().chain(&others).for_each(|path| fs::write(path, "half").unwrap());
+        age(&left[1]);
         fs::create_dir(folder.path().join(".gnp-folder.tmp")).unwrap();
         assert_eq!(sweep(folder.path()), left.len());
         assert!(left.iter().all(|path| !path.exists()) && others.iter().all(|path| path.exists()));
@@ -313,14 +363,36 @@ mod tests {
             fs::write(folder.path().join(name).join(file), text).unwrap();
         };
         let owner = r#"{"pid": 1, "host": "a", "program": "gnp", "since": "2026-11-26 03:50:12 UTC"}"#;
-        make(".run.unfinished-killed", Draft::LOCK, owner);
-        make(".run.unfinished-users", "notes.txt", "mine");
-        make(".run.unfinished-foreign", Draft::LOCK, "mine");
-        make(".other.unfinished-killed", Draft::LOCK, "");
-        fs::create_dir(folder.path().join(".run.unfinished-empty")).unwrap();
+        make(&format!(".run.unfinished-{}killed", mark()), Draft::LOCK, owner);
+        make(".run.unfinished-01234567-live", Draft::LOCK, owner);
+        make(&format!(".run.unfinished-{}users", mark()), "notes.txt", "mine");
+        make(&format!(".run.unfinished-{}foreign", mark()), Draft::LOCK, "mine");
+        make(&format!(".other.unfinished-{}killed", mark()), Draft::LOCK, "");
+        fs::create_dir(folder.path().join(format!(".run.unfinished-{}empty", mark()))).unwrap();
         assert_eq!(sweep_drafts(&place), 2);
-        assert_eq!(count(folder.path()), 4);
+        assert_eq!(count(folder.path()), 5);
         drop(filled);
-        assert_eq!(count(folder.path()), 3);
+        assert_eq!(count(folder.path()), 4);
+        // On another computer something is written as long as any file in it is young.
+        let theirs = folder.path().join(".run.unfinished-01234567-live");
+        fs::write(theirs.join("young"), "x").unwrap();
+        age(&theirs.join(Draft::LOCK));
+        age(&theirs);
+        assert_eq!(sweep_drafts(&place), 0);
+        age(&theirs.join("young"));
+        assert_eq!(sweep_drafts(&place), 1);
+        assert!(!theirs.exists());
+    }
+
+    #[test]
+    fn one_place_has_one_draft() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("run");
+        let first = Draft::start(&place).unwrap();
+        let Err(LockError::Held { owner: Some(owner), .. }) = Draft::start(&place) else { panic!("a second one") };
+        assert_eq!(owner.pid, std::process::id());
+        assert!(Draft::start(&folder.path().join("run2")).is_ok());
+        drop(first);
+        assert!(Draft::start(&place).is_ok());
     }
 }

@@ -402,6 +402,19 @@ fn a_stopped_training_ends_like_one_that_never_stopped_and_reads_back() {
         assert_eq!(go(whole.path(), u64::MAX).unwrap().header(), &header);
         std::fs::remove_file(&path).unwrap();
         assert_eq!(go(whole.path(), u64::MAX).unwrap().header(), &header, "trained again, to the same end");
+        // Cut off, or of another training of the same epoch.
+        let bytes = std::fs::read(&path).unwrap();
+        let Checkpoint { header: mine, tensors } = Checkpoint::load(&path).unwrap();
+        let scores = mine.scores.iter().map(|(name, score)| (name.clone(), score + 0.5)).collect();
+        Checkpoint { header: Header { scores, ..mine }, tensors }.save(&path).unwrap();
+        let foreign = std::fs::read(&path).unwrap();
+        assert_ne!(foreign, bytes);
+        let damages = [&bytes[..bytes.len() / 2], &foreign];
+        for damaged in damages.into_iter().filter(|_| kind == NeuralBaseline::CsLstmM && reference.is_none()) {
+            std::fs::write(&path, damaged).unwrap();
+            go(whole.path(), u64::MAX).unwrap();
+            assert!(std::fs::read(&path).unwrap() == bytes, "{kind:?}");
+        }
 
         let other = Recipe { learning_rate: 1e-4, ..recipe() };
         let stop = AtomicBool::new(false);

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize};
 
@@ -90,6 +91,7 @@ impl TrainedBaseline {
         if outcome.end == End::Interrupted {
             return Err(NeuralBaselineError::Interrupted { kind: kind.name(), epoch: outcome.progress.epoch });
         }
+        files.close(&outcome.progress)?;
         let learned = Self::believed(&Self::path(folder, kind, data.form()), data, device)?;
         if kind == NeuralBaseline::PipSurrogate { learned.with_surrogate_plan() } else { Ok(learned) }
     }
@@ -159,18 +161,19 @@ impl<'a> Files<'a> {
         Ok(Self { best: TrainedBaseline::path(folder, kind, data.form()), last, first, header, weights })
     }
 
-    /// Where an earlier run stopped; nowhere where its file is damaged, of which is warned. Statistics that no gradient
-    /// trains are put into the network.
+    /// Where an earlier run stopped; nowhere where its file is damaged or the best weights are not there, of which is
+    /// warned. Statistics that no gradient trains are put into the network.
     fn resume(&self) -> Result<Option<TrainingState>, NeuralBaselineError> {
         if !self.last.exists() {
             return Ok(None);
         }
+        let anew = |error: &dyn std::fmt::Display| {
+            tracing::warn!("{error}; the training of {} starts anew", self.header.kind.name());
+            Ok(None)
+        };
         let checkpoint = match Checkpoint::load(&self.last) {
             Ok(checkpoint) => checkpoint,
-            Err(error) => {
-                tracing::warn!("{error}; the training of {} starts anew", self.header.kind.name());
-                return Ok(None);
-            }
+            Err(error) => return anew(&error),
         };
         let (now, then) = (&self.header, &checkpoint.header);
         let pairs = [
@@ -184,16 +187,50 @@ impl<'a> Files<'a> {
         if let Some((what, _)) = pairs.iter().find(|(_, same)| !same) {
             return Err(fail(format!("was trained with another {what}; take another folder or remove this file")));
         }
-        if !self.best.exists() && then.epoch > self.first {
-            // Somebody removed what was best so far: it cannot be had from the last epoch.
-            return Ok(None);
-        }
         let text = then.trainer.as_deref().unwrap_or_default();
         let progress: Progress =
             serde_json::from_str(text).map_err(|e| fail(format!("does not say where training stood ({e})")))?;
+        // Killed between the two saves it leaves the best weights of the epoch that comes next: it comes again.
+        if let Err(error) = self.fitting_best(&progress)
+            && !self.own_best().is_ok_and(|found| found.epoch == progress.epoch + 1)
+        {
+            return anew(&error);
+        }
         let statistics = checkpoint.tensors.iter().filter(|(name, _)| is_statistic(name));
         self.weights.set(statistics.map(|(name, tensor)| (name.as_str(), tensor)))?;
         Ok(Some(TrainingState::from_tensors(&checkpoint.tensors, progress)))
+    }
+
+    /// Makes sure that the best weights are those of the training which ended at `progress`; where they are not, it starts
+    /// anew when it is asked for again.
+    fn close(&self, progress: &Progress) -> Result<(), NeuralBaselineError> {
+        let fitting = self.fitting_best(progress);
+        if fitting.is_err() {
+            fs::remove_file(&self.last)
+                .map_err(|error| NeuralBaselineError::checkpoint(&self.last, format!("cannot be removed: {error}")))?;
+        }
+        fitting
+    }
+
+    /// Refuses a file of the best weights that are not those of the best epoch of `progress`.
+    fn fitting_best(&self, progress: &Progress) -> Result<(), NeuralBaselineError> {
+        let Some(best) = best_epoch(progress, self.first) else { return Ok(()) };
+        let found = self.own_best()?;
+        if found.epoch == best && progress.scored(best, &found.scores) {
+            return Ok(());
+        }
+        let problem = format!("is not of epoch {best}, the best of this training: train again");
+        Err(NeuralBaselineError::checkpoint(&self.best, problem))
+    }
+
+    /// What the file of the best weights says of itself, when it is whole and of this split and recipe.
+    fn own_best(&self) -> Result<Header, NeuralBaselineError> {
+        let found = Checkpoint::load(&self.best)?.header;
+        let now = &self.header;
+        if (found.kind, &found.split_hash, &found.recipe) == (now.kind, &now.split_hash, &now.recipe) {
+            return Ok(found);
+        }
+        Err(NeuralBaselineError::checkpoint(&self.best, "is of another training: train again"))
     }
 
     fn header_at(&self, progress: &Progress, trainer: Option<String>) -> Header {
@@ -207,14 +244,11 @@ impl<'a> Files<'a> {
     }
 }
 
-/// Whether `progress` stands at the end of the best epoch among those from `first` on.
-fn is_best(progress: &Progress, first: usize) -> bool {
-    let score =
-        |epoch: usize| progress.history.get(epoch).and_then(|record| record.validation.first()).map(|s| s.value);
-    let Some(now) = progress.epoch.checked_sub(1).filter(|now| *now >= first && progress.losses.is_empty()) else {
-        return false;
-    };
-    (first..now).all(|epoch| score(epoch) > score(now))
+/// The best finished epoch, from 1, among those after the `first` ones; the earliest of equals.
+fn best_epoch(progress: &Progress, first: usize) -> Option<usize> {
+    let scored =
+        progress.history.iter().skip(first).filter_map(|record| Some((record.epoch, record.validation.first()?)));
+    scored.reduce(|best, now| if best.1.value > now.1.value { now } else { best }).map(|(epoch, _)| epoch)
 }
 
 impl Sink for Files<'_> {
@@ -228,7 +262,8 @@ impl Sink for Files<'_> {
                 tensors.insert(name, var.as_tensor().clone());
             }
         };
-        if is_best(&state.progress, self.first) {
+        let between_epochs = state.progress.losses.is_empty();
+        if between_epochs && best_epoch(&state.progress, self.first) == Some(state.progress.epoch) {
             let mut tensors = state.weights.clone();
             all(&mut tensors);
             Checkpoint { header: self.header_at(&state.progress, None), tensors }.save(&self.best)?;

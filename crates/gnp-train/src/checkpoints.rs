@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use candle_core::{Tensor, Var};
@@ -41,8 +42,8 @@ impl Checkpoints {
         })
     }
 
-    /// The state to resume from; `None` when there is no last checkpoint yet, or it is damaged, of which is warned: then
-    /// the training starts anew.
+    /// The state to resume from; `None` when there is no last checkpoint yet, or it or the best one is damaged or the best
+    /// one is not that of this training, of which is warned: then the training starts anew.
     ///
     /// # Errors
     /// [`TrainError::Resume`] when it was trained on other windows, features or sizes.
@@ -59,23 +60,82 @@ impl Checkpoints {
                 return Ok(None);
             }
         };
-        let (now, then) = (&self.header, &checkpoint.header);
-        let pairs = [
-            ("the split", now.split_hash == then.split_hash),
-            ("the features", now.features == then.features),
-            ("the goal network", now.goal == then.goal),
-            ("the social force", now.traj == then.traj),
-            ("the seed", now.seed == then.seed),
-            ("the run to start from", now.origin == then.origin),
-        ];
-        if let Some((what, _)) = pairs.iter().find(|(_, same)| !same) {
+        let then = &checkpoint.header;
+        let features = (self.header.features != then.features).then_some("the features");
+        if let Some(what) = features.or_else(|| self.difference(then)) {
             return Err(TrainError::Resume { stage, difference: format!("{what} is not that of {}", path.display()) });
         }
         let damaged = |problem: String| ModelError::Checkpoint { path: path.clone(), problem };
         let text = then.trainer.as_deref().ok_or_else(|| damaged("does not say where training stood".to_owned()))?;
         let progress: Progress =
             serde_json::from_str(text).map_err(|e| damaged(format!("does not say where training stood: {e}")))?;
+        if let Err(error) = self.fitting_best(&progress)
+            && !self.is_ahead(&progress)
+        {
+            tracing::warn!("{error}; the training of {stage} starts anew");
+            return Ok(None);
+        }
         Ok(Some(TrainingState::from_tensors(&checkpoint.tensors, progress)))
+    }
+
+    /// Makes sure that the best checkpoint is that of the training which ended at `progress`. Where it is not, the last one
+    /// is removed, so that the training starts anew when it is asked for again.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`] when the best checkpoint is missing, damaged or of another training; [`TrainError::File`] when
+    /// the last one cannot be removed.
+    pub fn close(&self, progress: &Progress) -> Result<(), TrainError> {
+        let fitting = self.fitting_best(progress);
+        if fitting.is_err() {
+            let path = self.path(CheckpointSlot::Last);
+            fs::remove_file(&path).map_err(|source| TrainError::File { path, source })?;
+        }
+        fitting
+    }
+
+    /// Refuses a best checkpoint that does not hold the best epoch of `progress`, where there is one yet. Until a stage is
+    /// finished nothing else vouches for that file.
+    fn fitting_best(&self, progress: &Progress) -> Result<(), TrainError> {
+        let Some(best) = progress.best else { return Ok(()) };
+        let found = self.own_best()?;
+        if found.epoch == best.epoch && progress.scored(best.epoch, &found.scores) {
+            return Ok(());
+        }
+        let problem = format!("is not of epoch {}, the best of this training: train again", best.epoch);
+        Err(ModelError::Checkpoint { path: self.path(CheckpointSlot::Best), problem }.into())
+    }
+
+    /// Whether the best checkpoint is of the epoch that comes after `progress`: so a training leaves it that is killed
+    /// between its two saves. The epoch comes again with the same bits and is the best again; where it is not,
+    /// [`Checkpoints::close`] says so.
+    fn is_ahead(&self, progress: &Progress) -> bool {
+        self.own_best().is_ok_and(|found| found.epoch == progress.epoch + 1)
+    }
+
+    /// What the best checkpoint says of itself, when it is whole and its training was set up as this one.
+    fn own_best(&self) -> Result<Header, TrainError> {
+        let path = self.path(CheckpointSlot::Best);
+        let header = self.whole(&path)?.header;
+        match self.difference(&header) {
+            Some(what) => {
+                let problem = format!("is of another training, as {what} shows: train again");
+                Err(ModelError::Checkpoint { path, problem }.into())
+            }
+            None => Ok(header),
+        }
+    }
+
+    /// In what the training of `then` was set up otherwise than this one.
+    fn difference(&self, then: &Header) -> Option<&'static str> {
+        let now = &self.header;
+        let pairs = [
+            ("the split", now.split_hash == then.split_hash),
+            ("the goal network", now.goal == then.goal),
+            ("the social force", now.traj == then.traj),
+            ("the seed", now.seed == then.seed),
+            ("the run to start from", now.origin == then.origin),
+        ];
+        pairs.into_iter().find_map(|(what, same)| (!same).then_some(what))
     }
 
     /// Puts the weights of the checkpoint at `path`, of the same part in another run, into those of `trained`, which the

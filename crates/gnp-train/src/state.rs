@@ -50,6 +50,16 @@ impl Progress {
     pub fn waited(&self) -> usize {
         self.best.map_or(0, |best| self.epoch - best.epoch.min(self.epoch))
     }
+
+    /// Whether `scores`, as a checkpoint has them, are those of the validation after `epoch`, from 1. Weights of another
+    /// training score otherwise in the last bit.
+    #[must_use]
+    pub fn scored(&self, epoch: usize, scores: &BTreeMap<String, f64>) -> bool {
+        let Some(record) = epoch.checked_sub(1).and_then(|at| self.history.get(at)) else { return false };
+        // An f64 may lose its last bit in JSON, an f32 in an f64 none of its own.
+        let same = |name: &String, value: f32| scores.get(name).is_some_and(|score| *score as f32 == value);
+        record.validation.len() == scores.len() && record.validation.iter().all(|score| same(&score.name, score.value))
+    }
 }
 
 /// The best epoch of a run.

@@ -18,7 +18,7 @@ use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_train::{
     BatchReport, CheckpointSlot, Checkpoints, End, GoalStage, GoalTraining, History, Observer, PathStage, PathTraining,
-    Schedule, Stage, TrainConfig, TrainError, Trainer, Windows,
+    Schedule, Sink, Stage, TrainConfig, TrainError, Trainer, TrainingState, Windows,
 };
 use gnp_traj::{InputScale, Integrator, SocialForce, TrajConfig};
 
@@ -362,5 +362,107 @@ fn a_last_checkpoint_of_other_windows_is_refused() {
         let message =
             Checkpoints::new(folder.path(), data.header.clone(), &larger).restore_best().unwrap_err().to_string();
         assert!(message.contains("goal.safetensors: has no weight `more`"), "{message}");
+    });
+}
+
+/// Fails as a full disk would, or a kill, at its last checkpoint of an epoch.
+struct FullAt(usize, Checkpoints);
+
+impl Sink for FullAt {
+    fn save(
+        &mut self,
+        kind: CheckpointSlot,
+        state: &TrainingState,
+    ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+        if kind == CheckpointSlot::Last && state.progress.epoch == self.0 {
+            return Err("no space left".into());
+        }
+        self.1.save(kind, state)
+    }
+}
+
+/// Goes on with the training of goals in `folder`; what came of it, and whether it started anew.
+fn go_on(
+    data: &Data<'_>,
+    config: &TrainConfig,
+    folder: &Path,
+    stop_after: u64,
+    full_at: usize,
+) -> (Result<gnp_train::Progress, TrainError>, bool) {
+    let weights = Weights::seeded(SEED, &Device::Cpu);
+    let net = GoalNet::new(&goal_config(), data.features.goal_shape(), weights.builder()).unwrap();
+    let training = goal_training();
+    let stage = GoalStage::new(net, &weights, &data.features, &data.modes, data.parts, &training).unwrap();
+    let mut sink = FullAt(full_at, Checkpoints::new(folder, data.header.clone(), &weights));
+    let last = sink.1.last().unwrap();
+    let stop = AtomicBool::new(false);
+    let mut trainer = Trainer { config, sink: &mut sink, observer: StopAfter(stop_after, &stop), stop: &stop };
+    let outcome = match &last {
+        Some(state) => trainer.resume(&stage, state),
+        None => trainer.fit(&stage),
+    };
+    let close = |outcome: gnp_train::Outcome| match outcome.end {
+        End::Interrupted => Ok(outcome.progress),
+        _ => sink.1.close(&outcome.progress).map(|()| outcome.progress),
+    };
+    (outcome.and_then(close), last.is_none())
+}
+
+#[test]
+fn the_best_weights_are_believed_only_as_those_of_this_training() {
+    with_data(|data| {
+        // A rate this high makes an early epoch the best one.
+        let config = TrainConfig { epochs: 5, learning_rate: 0.1, ..train_config() };
+        let best = |folder: &Path| folder.join("goal.safetensors");
+        let undisturbed = tempfile::tempdir().unwrap();
+        let whole = go_on(data, &config, undisturbed.path(), 0, 0).0.unwrap();
+        let best_epoch = whole.best.unwrap().epoch;
+        assert!(best_epoch < 4, "best in epoch {best_epoch}");
+        let expected = std::fs::read(best(undisturbed.path())).unwrap();
+        // The same epoch of a training that differs in its rate alone.
+        let foreign = tempfile::tempdir().unwrap();
+        let slower = TrainConfig { epochs: best_epoch, learning_rate: 0.01, ..config.clone() };
+        go_on(data, &slower, foreign.path(), 0, 0).0.unwrap();
+        let foreign = std::fs::read(best(foreign.path())).unwrap();
+
+        let steps = whole.history[3].steps + 1; // in the last epoch
+        let cut = expected[..expected.len() / 2].to_vec();
+        let damages = [(Some(expected.clone()), false), (None, true), (Some(cut), true), (Some(foreign.clone()), true)];
+        for (bytes, anew) in damages {
+            let folder = tempfile::tempdir().unwrap();
+            go_on(data, &config, folder.path(), steps, 0).0.unwrap();
+            std::fs::remove_file(best(folder.path())).unwrap();
+            let length = bytes.as_ref().map(Vec::len);
+            bytes.map(|bytes| std::fs::write(best(folder.path()), bytes).unwrap());
+            let (progress, started) = go_on(data, &config, folder.path(), 0, 0);
+            assert_eq!((progress.unwrap(), started), (whole.clone(), anew), "{length:?}");
+            assert!(std::fs::read(best(folder.path())).unwrap() == expected, "{length:?}");
+        }
+    });
+}
+
+#[test]
+fn best_weights_one_epoch_ahead_are_written_again_or_refused() {
+    with_data(|data| {
+        let best = |folder: &Path| folder.join("goal.safetensors");
+        let config = train_config(); // the second epoch of two is the best one
+        let [undisturbed, folder] = [(), ()].map(|()| tempfile::tempdir().unwrap());
+        go_on(data, &config, undisturbed.path(), 0, 0).0.unwrap();
+        let expected = std::fs::read(best(undisturbed.path())).unwrap();
+        assert!(go_on(data, &config, folder.path(), 0, 2).0.is_err());
+        assert!(std::fs::read(best(folder.path())).unwrap() == expected, "ahead of the last checkpoint");
+        let (progress, anew) = go_on(data, &config, folder.path(), 0, 0);
+        assert_eq!((progress.unwrap().epoch, anew), (2, false));
+        assert!(std::fs::read(best(folder.path())).unwrap() == expected);
+
+        // What claims to be ahead of an ended training will not come again.
+        let longer = tempfile::tempdir().unwrap();
+        go_on(data, &TrainConfig { epochs: 3, ..config.clone() }, longer.path(), 0, 0).0.unwrap();
+        std::fs::copy(best(longer.path()), best(folder.path())).unwrap();
+        let message = go_on(data, &config, folder.path(), 0, 0).0.unwrap_err().to_string();
+        assert!(message.contains("is not of epoch 2"), "{message}");
+        let (progress, anew) = go_on(data, &config, folder.path(), 0, 0);
+        assert!(progress.is_ok() && anew);
+        assert!(std::fs::read(best(folder.path())).unwrap() == expected);
     });
 }

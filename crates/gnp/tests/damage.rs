@@ -345,9 +345,9 @@ fn what_killed_programs_left_goes_and_nothing_else() {
     let out = TempDir::new().unwrap();
     let place = out.path().join("run");
     copied(&place);
-    let left = [place.join(".gnp-a1B2c3.tmp"), place.join("figures/.gnp-a1B2c3.tmp")];
+    let left = ["a", "figures/a"].map(|name| gnp_file::beside(&place.join(name)).unwrap().path().to_owned());
     left.iter().for_each(|path| fs::write(path, "half").unwrap());
-    let draft = out.path().join(".run.unfinished-a1B2c3");
+    let draft = gnp_file::Draft::start(&place).unwrap().path().to_owned();
     fs::create_dir(&draft).unwrap();
     fs::write(draft.join("run.lock"), "").unwrap();
     fs::write(draft.join("ingest.json"), "half").unwrap();

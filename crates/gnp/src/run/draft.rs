@@ -1,7 +1,10 @@
 //! Folders that appear whole: filled beside their place, then moved there.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+
+use gnp_file::LockError;
 
 use crate::error::{Context as _, Result, bail};
 use crate::machine::Machine;
@@ -11,23 +14,38 @@ use crate::machine::Machine;
 pub(crate) struct Draft {
     folder: gnp_file::Draft,
     place: PathBuf,
+    remedy: String,
 }
 
 impl Draft {
     /// Starts a folder that will stand at `place`. Drafts for it that a killed program left go.
     ///
     /// # Errors
-    /// When `place` exists and is not an empty folder; the message ends with `remedy`.
+    /// When `place` exists and is not an empty folder, which [`Draft::publish`] finds out, too; the message ends with
+    /// `remedy`. When another program makes it.
     pub(crate) fn start(place: &Path, remedy: &str, machine: &Machine) -> Result<Self> {
+        let place = &target(place)?;
         if occupied(place)? {
             bail!(Folder, "{} exists and is not empty; {remedy}", place.display());
         }
         let parent = place.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(parent).with_context(|| format!("cannot make the folder {}", parent.display()))?;
         sweep_drafts(place, machine);
-        let folder =
-            gnp_file::Draft::start(place).with_context(|| format!("cannot make a folder in {}", parent.display()))?;
-        Ok(Self { folder, place: place.to_owned() })
+        let folder = match gnp_file::Draft::start(place) {
+            Err(LockError::Held { owner, .. }) => {
+                let owner = owner.map_or_else(|| "another process".to_owned(), |owner| owner.to_string());
+                bail!(
+                    Folder,
+                    "{} is being made by {owner}; wait until that ends, or take another place",
+                    place.display()
+                )
+            }
+            Err(LockError::Io { source, .. }) => {
+                return Err(source).with_context(|| format!("cannot make a folder in {}", parent.display()));
+            }
+            started => started?,
+        };
+        Ok(Self { folder, place: place.to_owned(), remedy: remedy.to_owned() })
     }
 
     /// The folder as it is now.
@@ -50,10 +68,23 @@ impl Draft {
     /// # Errors
     /// When it cannot be moved there.
     pub(crate) fn publish_run(self) -> Result<PathBuf> {
-        let Self { folder, place } = self;
-        folder.publish(&place).with_context(|| format!("cannot move the finished folder to {}", place.display()))?;
+        let Self { folder, place, remedy } = self;
+        match folder.publish(&place) {
+            Err(error) if matches!(error.kind(), ErrorKind::DirectoryNotEmpty | ErrorKind::AlreadyExists) => {
+                bail!(Folder, "{} was made by another program meanwhile; {remedy}", place.display())
+            }
+            done => done.with_context(|| format!("cannot move the finished folder to {}", place.display()))?,
+        };
         Ok(place)
     }
+}
+
+/// What `place` leads to: a folder cannot be moved to where a link is.
+fn target(place: &Path) -> Result<PathBuf> {
+    if !place.is_symlink() {
+        return Ok(place.to_owned());
+    }
+    fs::canonicalize(place).with_context(|| format!("{} is a link that leads nowhere; remove it", place.display()))
 }
 
 /// Removes what killed programs left of drafts for `place`, and says so.
@@ -114,5 +145,38 @@ mod tests {
         assert_eq!(fs::read_dir(&place).unwrap().count(), 1, "no lock is left");
         let message = Draft::start(&place, "give --resume", &Machine::default()).unwrap_err().to_string();
         assert!(message.contains("not empty; give --resume"), "{message}");
+    }
+
+    #[test]
+    fn a_second_one_is_refused_at_once_and_one_that_comes_too_late_says_so() {
+        let parent = TempDir::new().unwrap();
+        let place = parent.path().join("run");
+        let draft = Draft::start(&place, "give --resume", &Machine::default()).unwrap();
+        let message = Draft::start(&place, "", &Machine::default()).unwrap_err().to_string();
+        let (owner, ours) = ("is being made by", format!("process {}", std::process::id()));
+        assert!(message.contains(owner) && message.contains(&ours), "{message}");
+        // As by one that started in the same moment.
+        fs::create_dir(&place).unwrap();
+        fs::write(place.join("theirs"), "x").unwrap();
+        let message = draft.publish().unwrap_err().to_string();
+        assert!(message.contains("made by another program meanwhile; give --resume"), "{message}");
+        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
+        assert!(place.join("theirs").exists());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_to_an_empty_folder_leads_to_what_is_made() {
+        use std::os::unix::fs::symlink;
+        let parent = TempDir::new().unwrap();
+        let (folder, link) = (parent.path().join("disk"), parent.path().join("run"));
+        symlink(&folder, &link).unwrap();
+        let message = Draft::start(&link, "", &Machine::default()).unwrap_err().to_string();
+        assert!(message.contains("leads nowhere"), "{message}");
+        fs::create_dir(&folder).unwrap();
+        let draft = Draft::start(&link, "", &Machine::default()).unwrap();
+        fs::write(draft.path().join("a"), "x").unwrap();
+        draft.publish().unwrap();
+        assert!(link.is_symlink() && link.join("a").exists());
     }
 }

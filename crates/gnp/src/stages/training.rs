@@ -140,6 +140,7 @@ fn fit(run: &Run, part: RunStage, stage: &dyn Stage, config: &TrainConfig, mut c
     let Some(best) = outcome.progress.best else {
         bail!(Config, "{name}: no epoch was finished; set {name}.epochs above 0")
     };
+    checkpoints.close(&outcome.progress)?;
     let early = if outcome.end == End::EarlyStopped { ", stopped early" } else { "" };
     run.note(&format!(
         "{name}: {} epochs in {}{early}; best validation score {:.4} in epoch {}",
