@@ -419,6 +419,7 @@ fn jobs_of_a_damaged_fold_do_not_keep_each_other_from_their_work() {
     jobs.iter().for_each(|job| table.perform(job, &Machine::default()).unwrap());
     let models: Vec<_> = files(&place).into_keys().filter(|name| name.ends_with(".safetensors")).collect();
     let learned: Vec<_> = models.iter().filter(|name| name.starts_with("learned/")).collect();
+    assert!(!learned.is_empty());
     let weights = place.join("gnp/repulsion.safetensors");
     let before = fs::read(&weights).unwrap();
     fs::remove_file(&weights).unwrap();

@@ -398,7 +398,7 @@ mod tests {
         let names: Vec<&str> = run.state.files.keys().map(String::as_str).collect();
         assert!(names.contains(&"events/events.out.tfevents.1.gnp.0") && !names.contains(&"events/notes"), "{names:?}");
         RunFolder::whole(run.root(), Need::All).unwrap();
-        for (name, text) in [("goal.safetensors", Some("goal.safetensorz")), ("history-goal.json", None)] {
+        for (name, text) in [("goal.safetensors", Some("goal.safetensorz")), ("goal.safetensors", None)] {
             let path = run.path(name);
             match text {
                 Some(text) => fs::write(&path, text).unwrap(),
@@ -408,6 +408,12 @@ mod tests {
             assert!(message.contains(name) && message.contains("--resume"), "{message}");
             fs::write(&path, name).unwrap();
         }
+        // What other files say, too, is done without until it is used.
+        fs::remove_file(run.path("history-goal.json")).unwrap();
+        let opened = RunFolder::whole(run.root(), Need::All).unwrap();
+        let message = opened.usable("history-goal.json").unwrap_err().to_string();
+        assert!(message.contains("history-goal.json is missing") && message.contains("--resume"), "{message}");
+        opened.usable("goal.safetensors").unwrap();
         // Whoever made the folder names nothing outside of it.
         let mut elsewhere = run.state.clone();
         elsewhere.files.insert("../mine.txt".to_owned(), run.state.files["goal.safetensors"].clone());
