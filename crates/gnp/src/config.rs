@@ -200,11 +200,6 @@ impl RunConfig {
         self.goal.net.check().context("[goal]")?;
         self.goal.loss.check().context("[goal]")?;
         self.goal.train.check().context("[goal]")?;
-        self.traj.check().context("[traj]")?;
-        for (name, section) in [("[attraction]", &self.attraction), ("[repulsion]", &self.repulsion)] {
-            section.loss.check().context(name)?;
-            section.train.check().context(name)?;
-        }
         let following =
             self.traj.terms.iter().find(|term| ["free_road", "car_following"].contains(&term.name.as_str()));
         if let (Some(term), ReferencePath::Platoon) = (following, self.features.reference) {
@@ -214,6 +209,11 @@ impl RunConfig {
                  \"constant_velocity\"",
                 term.name
             );
+        }
+        self.traj.check().context("[traj]")?;
+        for (name, section) in [("[attraction]", &self.attraction), ("[repulsion]", &self.repulsion)] {
+            section.loss.check().context(name)?;
+            section.train.check().context(name)?;
         }
         if self.features.representation == Representation::Position && self.predict.trust != Trust::Share(1.) {
             bail!(
