@@ -453,7 +453,7 @@ fn a_run_folder_loads_as_it_was_saved() {
     let attraction = Header { part: Component::Attraction, ..force.header.clone() };
     save("attraction.safetensors", &Checkpoint { header: attraction, tensors: force.tensors.clone() });
     let missing = load().unwrap_err().to_string();
-    assert!(missing.contains("repulsion.safetensors: cannot be read"), "{missing}");
+    assert!(missing.contains("repulsion.safetensors: is missing: train it"), "{missing}");
     save("repulsion.safetensors", &force);
     let whole = load().unwrap();
     assert_eq!(whole.name(), "gnp");
