@@ -433,7 +433,9 @@ fn the_best_weights_are_believed_only_as_those_of_this_training() {
             go_on(data, &config, folder.path(), steps, 0).0.unwrap();
             std::fs::remove_file(best(folder.path())).unwrap();
             let length = bytes.as_ref().map(Vec::len);
-            bytes.map(|bytes| std::fs::write(best(folder.path()), bytes).unwrap());
+            if let Some(bytes) = bytes {
+                std::fs::write(best(folder.path()), bytes).unwrap();
+            }
             let (progress, started) = go_on(data, &config, folder.path(), 0, 0);
             assert_eq!((progress.unwrap(), started), (whole.clone(), anew), "{length:?}");
             assert!(std::fs::read(best(folder.path())).unwrap() == expected, "{length:?}");
