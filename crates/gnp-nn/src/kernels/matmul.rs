@@ -6,6 +6,8 @@
 //! of columns, whose sums stay in registers. Each value is one chain of multiply-adds in the order of the
 //! depth, so that neither packing nor tiling reaches it.
 
+use std::ops::Range;
+
 use pulp::{Arch, Simd, WithSimd};
 
 use super::aligned::Aligned;
@@ -142,12 +144,36 @@ pub fn matmul_transposed(sizes: [usize; 3], a: Rows<'_>, b: Rows<'_>, start: Sta
     Arch::new().dispatch(Product::<true> { sizes, a: Matrix::Rows(a), b: Matrix::Rows(b), start, relu: false, c });
 }
 
-/// `sum[o, i] += dy[t, o] * x[t, i]` and `bias[o] += dy[t, o]` over the `count` rows `t`: the gradients of
-/// an affine map, from those of what it gave and from what it took.
+/// The same rows of several blocks of rows on end, block by block.
+#[derive(Clone, Debug)]
+pub struct Picked {
+    /// Which rows of a block.
+    pub rows: Range<usize>,
+    /// Rows of a block.
+    pub of: usize,
+    /// Number of blocks.
+    pub blocks: usize,
+}
+
+impl Picked {
+    /// Number of rows in all.
+    fn count(&self) -> usize {
+        self.rows.len() * self.blocks
+    }
+
+    /// Where row `t` of those that are picked lies.
+    #[inline(always)]
+    fn place(&self, t: usize) -> usize {
+        t / self.rows.len() * self.of + self.rows.start + t % self.rows.len()
+    }
+}
+
+/// `sum[o, i] += dy[t, o] * x[t, i]` and `bias[o] += dy[t, o]` over the rows `t` that are `picked`: the gradients
+/// of an affine map, from those of what it gave and from what it took.
 ///
 /// `sum` is `[outputs, inputs]`, `bias` `[outputs]`; `scratch` is overwritten.
 pub fn outer_sum(
-    count: usize,
+    picked: &Picked,
     dy: Rows<'_>,
     x: Rows<'_>,
     sum: &mut [f32],
@@ -155,7 +181,7 @@ pub fn outer_sum(
     inputs: usize,
     scratch: &mut Scratch,
 ) {
-    Arch::new().dispatch(OuterSum { count, dy, x, sum, bias, inputs, scratch });
+    Arch::new().dispatch(OuterSum { picked, dy, x, sum, bias, inputs, scratch });
 }
 
 /// Packed rows of one [`outer_sum`] at a time.
@@ -342,7 +368,7 @@ fn accumulate<S: Simd, const V: usize>(simd: S, sums: &mut [S::f32s; V], a: f32,
 }
 
 struct OuterSum<'a> {
-    count: usize,
+    picked: &'a Picked,
     dy: Rows<'a>,
     x: Rows<'a>,
     sum: &'a mut [f32],
@@ -356,23 +382,23 @@ impl WithSimd for OuterSum<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { count, dy, x, sum, bias, inputs, scratch } = self;
-        let (outputs, panel) = (bias.len(), 2 * S::F32_LANES);
-        for first in (0..count).step_by(BLOCK) {
-            let count = BLOCK.min(count - first);
+        let Self { picked, dy, x, sum, bias, inputs, scratch } = self;
+        let (outputs, panel, all) = (bias.len(), 2 * S::F32_LANES, picked.count());
+        for first in (0..all).step_by(BLOCK) {
+            let count = BLOCK.min(all - first);
             for t in 0..count {
-                let dy = &dy.data[(first + t) * dy.stride..][..outputs];
+                let dy = &dy.data[picked.place(first + t) * dy.stride..][..outputs];
                 for (bias, &dy) in bias.iter_mut().zip(dy) {
                     *bias += dy;
                 }
             }
             scratch.dy.fill(tile_rows::<S>(), count, outputs, |t, from, part| {
-                part.copy_from_slice(&dy.data[(first + t) * dy.stride + from..][..part.len()]);
+                part.copy_from_slice(&dy.data[picked.place(first + t) * dy.stride + from..][..part.len()]);
             });
             for column in (0..inputs).step_by(panel) {
                 let width = panel.min(inputs - column);
                 scratch.x.fill(panel, count, width, |t, _, part| {
-                    part.copy_from_slice(&x.data[(first + t) * x.stride + column..][..part.len()]);
+                    part.copy_from_slice(&x.data[picked.place(first + t) * x.stride + column..][..part.len()]);
                 });
                 simd.vectorize(Product::<true> {
                     sizes: [outputs, count, width],
@@ -506,28 +532,37 @@ mod tests {
     }
 
     #[test]
-    fn gradients_add_up_over_more_rows_than_a_block() {
-        let (inputs, outputs, count) = (48, 32, BLOCK + 5);
-        let (x, dy) = (values(count * inputs, 4), values(count * outputs, 5));
-        let before = values(outputs * inputs, 6);
-        let term = |at: usize, t: usize| dy[t * outputs + at / inputs] * x[t * inputs + at % inputs];
-        let wanted: Vec<f32> =
-            (0..outputs * inputs).map(|at| before[at] + (0..count).map(|t| term(at, t)).sum::<f32>()).collect();
-        let wanted_bias: Vec<f32> =
-            (0..outputs).map(|o| (0..count).map(|t| dy[t * outputs + o]).sum::<f32>()).collect();
-        for on in [Width::Widest, Width::One] {
-            let (mut sum, mut bias) = (before.clone(), vec![0.; outputs]);
-            on.run(OuterSum {
-                count,
-                dy: Rows::new(&dy, outputs),
-                x: Rows::new(&x, inputs),
-                sum: &mut sum,
-                bias: &mut bias,
-                inputs,
-                scratch: &mut Scratch::default(),
-            });
-            assert_close(&sum, &wanted);
-            assert_close(&bias, &wanted_bias);
+    fn gradients_add_up_over_the_rows_that_are_picked_and_more_than_a_block_of_them() {
+        let (inputs, outputs) = (48, 32);
+        let whole = Picked { rows: 0..BLOCK + 5, of: BLOCK + 5, blocks: 1 };
+        let some = Picked { rows: 3..10, of: 11, blocks: BLOCK / 7 + 2 };
+        for picked in [whole, some, Picked { rows: 4..4, of: 9, blocks: 3 }] {
+            let rows: Vec<usize> = (0..picked.blocks)
+                .flat_map(|block| picked.rows.clone().map(move |row| (block, row)))
+                .map(|(block, row)| block * picked.of + row)
+                .collect();
+            let count = picked.of * picked.blocks;
+            let (x, dy) = (values(count * inputs, 4), values(count * outputs, 5));
+            let before = values(outputs * inputs, 6);
+            let term = |at: usize, t: usize| dy[t * outputs + at / inputs] * x[t * inputs + at % inputs];
+            let wanted: Vec<f32> =
+                (0..outputs * inputs).map(|at| before[at] + rows.iter().map(|t| term(at, *t)).sum::<f32>()).collect();
+            let wanted_bias: Vec<f32> =
+                (0..outputs).map(|o| rows.iter().map(|t| dy[t * outputs + o]).sum::<f32>()).collect();
+            for on in [Width::Widest, Width::One] {
+                let (mut sum, mut bias) = (before.clone(), vec![0.; outputs]);
+                on.run(OuterSum {
+                    picked: &picked,
+                    dy: Rows::new(&dy, outputs),
+                    x: Rows::new(&x, inputs),
+                    sum: &mut sum,
+                    bias: &mut bias,
+                    inputs,
+                    scratch: &mut Scratch::default(),
+                });
+                assert_close(&sum, &wanted);
+                assert_close(&bias, &wanted_bias);
+            }
         }
     }
 
