@@ -207,7 +207,7 @@ fn panel_width() -> usize {
 /// Rows of a tile: as many as leave registers for two vectors of `b` and one value of `a`.
 #[inline(always)]
 fn tile_rows<S: Simd>() -> usize {
-    if size_of::<S::f32s>() == 64 { 8 } else { 6 }
+    if size_of::<S::f32s>() == 64 { 12 } else { 6 }
 }
 
 /// An operand as it lies or packed.
@@ -266,8 +266,15 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
     fn strip<S: Simd, const V: usize, const WHOLE: bool>(&mut self, simd: S, column: usize) {
         let mut row = 0;
         while row < self.sizes[0] {
-            let rows = tile_rows::<S>().min(self.sizes[0] - row);
+            let (most, left) = (tile_rows::<S>(), self.sizes[0] - row);
+            // Two tiles alike rather than a full one and one of a row or two; packed rows have the tiles they have.
+            let halved = !TRANSPOSED && left > most && left < most + most / 3;
+            let rows = if halved { left.div_ceil(2) } else { most.min(left) };
             match rows {
+                12 => self.tile::<S, 12, V, WHOLE>(simd, row, column),
+                11 => self.tile::<S, 11, V, WHOLE>(simd, row, column),
+                10 => self.tile::<S, 10, V, WHOLE>(simd, row, column),
+                9 => self.tile::<S, 9, V, WHOLE>(simd, row, column),
                 8 => self.tile::<S, 8, V, WHOLE>(simd, row, column),
                 7 => self.tile::<S, 7, V, WHOLE>(simd, row, column),
                 6 => self.tile::<S, 6, V, WHOLE>(simd, row, column),
@@ -321,21 +328,26 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
                 }
             }
         }
-        for r in 0..R {
-            let c = &mut self.c.data[place(r)..][..width];
-            if let Start::Add = self.start {
-                let before = load::<S, V, WHOLE>(simd, c);
+        // Three loops, each small enough to be unrolled: else the sums would be indexed in memory, above, too.
+        if let Start::Add = self.start {
+            for r in 0..R {
+                let before = load::<S, V, WHOLE>(simd, &self.c.data[place(r)..][..width]);
                 for v in 0..V {
                     sums[r][v] = simd.add_f32s(before[v], sums[r][v]);
                 }
             }
-            if self.relu {
+        }
+        if self.relu {
+            for r in 0..R {
                 for v in 0..V {
                     // `max` would turn NaN into 0 and hide that a weight has gone bad.
                     let negative = simd.less_than_f32s(sums[r][v], zero);
                     sums[r][v] = simd.select_f32s(negative, zero, sums[r][v]);
                 }
             }
+        }
+        for r in 0..R {
+            let c = &mut self.c.data[place(r)..][..width];
             if WHOLE {
                 let c = S::as_mut_simd_f32s(c).0;
                 for v in 0..V {
