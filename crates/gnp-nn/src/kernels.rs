@@ -11,6 +11,7 @@
 mod activation;
 mod aligned;
 mod attention;
+mod lanes;
 mod lstm;
 mod matmul;
 mod outer_sum;
@@ -20,6 +21,7 @@ mod values;
 pub use activation::{exp, sigmoid, tanh};
 pub use aligned::{Aligned, LINE, Pool, padded};
 pub use attention::Attention;
+pub use lanes::lanes;
 pub use lstm::{lstm, lstm_adjoint};
 pub use matmul::{Panels, Rows, RowsMut, Start, matmul, matmul_transposed, product};
 pub use outer_sum::{Picked, Scratch, outer_sum};
