@@ -110,7 +110,7 @@ const RERUN: [Step<'_>; 3] = [
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
 /// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
-/// the tests of the numerical crates on emulated 64-bit ARM, the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
+/// the tests of kernels and networks on emulated 64-bit ARM, the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
 /// minute of each fuzzing target, with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors

@@ -69,7 +69,7 @@ Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something,
     },
     /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
     Features,
-    /// Build every crate and the program for 64-bit ARM, and run the tests of all libraries in an emulator; takes very long.
+    /// Build physics, kernels, networks and modes for 64-bit ARM and run their tests in an emulator; takes minutes.
     #[command(after_help = "\
 Needs Debian's gcc-aarch64-linux-gnu and qemu-user, and the standard library of the target: `rustup target add
 aarch64-unknown-linux-gnu`, or the compiler that xtask/aarch64/toolchain.sh fetches, named by GNP_AARCH64_RUSTC.")]

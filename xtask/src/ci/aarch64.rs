@@ -1,4 +1,4 @@
-//! The crates built for 64-bit ARM, and their tests run by an emulator.
+//! The numerical crates built for 64-bit ARM, and their tests run by an emulator.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -22,18 +22,18 @@ const QEMU: &str = "qemu-aarch64";
 /// Where Debian's cross compiler has the C library of that processor.
 const SYSTEM: &str = "/usr/aarch64-linux-gnu";
 
-/// The physics, the kernels, and what is made of them: all code that is written for vectors.
-const NUMBERS: [&str; 5] = ["gnp-force", "gnp-nn", "gnp-goal", "gnp-traj", "gnp-modes"];
+/// Kernels, networks and clusters: all code that is written for vectors.
+const VECTORS: [&str; 4] = ["gnp-nn", "gnp-goal", "gnp-traj", "gnp-modes"];
 
-/// Their tests start this program or one another, which an emulated program cannot.
-const STARTERS: [&str; 3] = ["gnp-cli", "gnp-fuzz", "xtask"];
+/// Scalar code; its tests take minutes in the emulator, those of the others seconds.
+const PHYSICS: &str = "gnp-force";
 
 /// How much is built and tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Extent {
-    /// Every crate but [`STARTERS`], of which the program `gnp` is built; polars alone takes many minutes.
+    /// [`VECTORS`] and [`PHYSICS`].
     All,
-    /// [`NUMBERS`].
+    /// [`VECTORS`].
     Short,
 }
 
@@ -122,30 +122,11 @@ fn test(root: &Path, means: &Means, extent: Extent, terminal: &Terminal) -> Resu
         ("CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER", LINKER),
         ("CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER", &runner),
     ];
-    let packages: Vec<&str> = match extent {
-        Extent::Short => NUMBERS.to_vec(),
-        Extent::All => workspace
-            .packages
-            .iter()
-            .map(|package| package.name.as_str())
-            .filter(|name| !STARTERS.contains(name))
-            .collect(),
-    };
-    let of = |command, packages: &[&str], rest: &[&str]| -> Vec<String> {
-        let mut arguments = [command, "--target", TARGET, "--target-dir", &folder].map(str::to_owned).to_vec();
-        arguments.extend(packages.iter().flat_map(|package| ["--package", package]).map(str::to_owned));
-        arguments.extend(rest.iter().map(|&word| word.to_owned()));
-        arguments
-    };
     // Examples in documentation are compiled by rustdoc, which belongs to the other compiler.
-    let mut steps = vec![("aarch64", of("test", &packages, &["--tests"]))];
-    if extent == Extent::All {
-        steps.push(("aarch64 program", of("build", &["gnp-cli"], &[])));
-    }
-    steps.iter().try_for_each(|(name, arguments)| {
-        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-        step(root, terminal, &Step { name, arguments: &arguments, environment: &environment })
-    })
+    let mut arguments = vec!["test", "--tests", "--target", TARGET, "--target-dir", &folder];
+    let physics = (extent == Extent::All).then_some(PHYSICS);
+    arguments.extend(VECTORS.into_iter().chain(physics).flat_map(|package| ["--package", package]));
+    step(root, terminal, &Step { name: "aarch64", arguments: &arguments, environment: &environment })
 }
 
 fn text(path: &Path) -> Result<String> {
