@@ -37,9 +37,6 @@ const THREADS: &str = "RAYON_NUM_THREADS";
 /// # Errors
 /// When a limit is missed, a reference program cannot be run, or a benchmark fails.
 pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
-    if args.check {
-        return check(if args.quick { Profile::Quick } else { Profile::Full }, terminal);
-    }
     if args.roofline {
         roofline::run(terminal);
         return Ok(());
@@ -48,13 +45,16 @@ pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
     if std::env::var(THREADS).ok() != Some(threads.to_string()) {
         return again(threads);
     }
+    if args.check {
+        return check(if args.quick { Profile::Quick } else { Profile::Full }, terminal);
+    }
     if args.frame { frame::run(threads, terminal) } else { speed::run(&speed::Plan::new(threads, args), terminal) }
 }
 
-/// Starts this program anew with the number of threads in its environment.
+/// Starts this program anew with the number of threads in its environment, and what else the commands of `gnp` run with.
 fn again(threads: usize) -> Result<()> {
     let mut command = Command::new(own_file()?);
-    command.args(std::env::args_os().skip(1)).env(THREADS, threads.to_string());
+    command.args(std::env::args_os().skip(1)).envs(gnp_cli::variables(threads));
     let status = command.status().context("cannot start this program anew")?;
     if !status.success() {
         bail!("the benchmark on {threads} thread(s) failed ({status}); see its message above");

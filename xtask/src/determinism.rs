@@ -200,7 +200,9 @@ impl<'a> Runs<'a> {
     /// All but figures and report, which take most of the time in an emulator and compute nothing new.
     fn to_scores(&self, starter: &Starter, name: &str) -> Result<Contents> {
         let run = self.place.join(name);
-        let starter = starter.with("RAYON_NUM_THREADS", "1");
+        // All that it would start itself anew for, outside of the emulator.
+        let starter =
+            gnp_cli::variables(1).into_iter().fold(starter.clone(), |starter, (name, value)| starter.with(name, value));
         starter.run(&self.arguments("ingest", &run))?.well()?;
         for command in ["train", "evaluate"] {
             starter.run(&[command, "--run", &run.to_string_lossy()])?.well()?;

@@ -2,6 +2,7 @@
 
 mod arguments;
 mod commands;
+mod environment;
 mod names;
 mod planned;
 mod processes;
@@ -17,6 +18,7 @@ use candle_core::Device;
 use gnp::{Machine, Stop};
 
 pub use crate::arguments::{Command, MachineArgs};
+pub use crate::environment::variables;
 use crate::names::DeviceName;
 pub use crate::program::Program;
 pub use crate::terminal::Terminal;
@@ -51,11 +53,13 @@ pub fn report(error: &anyhow::Error, program: &Program, to_go_on: impl FnOnce(&P
     }
 }
 
-/// The machine that the arguments ask for, shown on a terminal and stopped by Ctrl-C; once a program.
+/// The machine that the arguments ask for, shown on a terminal and stopped by Ctrl-C; once a program, before it does
+/// anything, as it may start anew (see [`variables`]).
 ///
 /// # Errors
 /// When the device is not in this build or not in this computer.
 pub fn machine(args: &MachineArgs, program: &Program) -> Result<Machine> {
+    environment::settle(args.threads);
     let terminal = Terminal::start(args.quiet, args.verbose, program);
     let stop = on_ctrl_c()?;
     if let Some(threads) = args.threads {

@@ -1,7 +1,7 @@
 //! Jobs of a table side by side, each in a process of its own.
 //!
-//! candle's operations on long tensors meet at one barrier in a process, where two trainings would wait for each other, and
-//! one training with threads waits longer for them than they help: two processes of one thread do twice as much.
+//! One training has too little to do in each operation for its threads not to wait for each other: two processes of one thread do
+//! more.
 
 #![expect(clippy::result_large_err, reason = "the library's error, which it asks for")]
 
@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use gnp::{Error, Result, Stop};
 
 use crate::INTERRUPTED;
+use crate::environment;
 use crate::names::DeviceName;
 
 /// How often a job is looked at.
@@ -27,8 +28,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 pub(crate) fn perform(folder: &Path, id: &str, device: DeviceName, stop: &Stop) -> Result<()> {
     let mut command = Command::new(program()?);
     command.args(["compare", "--quiet", "--threads", "1", "--device", device.name(), "--job", id, "--out"]).arg(folder);
-    // What candle reads its number of threads from.
-    command.env("RAYON_NUM_THREADS", "1").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+    command.envs(environment::variables(1)).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = command.spawn()?;
     // Read as it is written: a full pipe would hold the job up.
     let written = child.stderr.take().map(|mut stderr| {
@@ -51,9 +51,10 @@ pub(crate) fn perform(folder: &Path, id: &str, device: DeviceName, stop: &Stop) 
 }
 
 /// This program: on Linux also when its file was replaced since it started, as a compiler does.
-fn program() -> Result<PathBuf> {
+pub(crate) fn program() -> std::io::Result<PathBuf> {
+    let file = std::env::current_exe()?;
     let own = Path::new("/proc/self/exe");
-    Ok(if own.exists() { own.to_owned() } else { std::env::current_exe()? })
+    Ok(if !file.exists() && own.exists() { own.to_owned() } else { file })
 }
 
 /// How it ended; `None` for one that was stopped.

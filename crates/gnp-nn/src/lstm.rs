@@ -1,8 +1,8 @@
 //! An LSTM layer, a step at a time or over whole sequences.
 //!
 //! On the CPU a sequence is one operation with its gradient derived by hand. The products of the inputs with
-//! their weights are made for all points at once; then rows are worked on in chunks of a fixed number, so
-//! that the result does not depend on threads.
+//! their weights are made for all points at once; then chunks of rows go through all steps side by side. What comes
+//! out of a row does not depend on the others of its chunk, so that the chunks may be as many as suit the threads.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -110,7 +110,8 @@ fn step(mut sums: Tensor, weight: &Tensor, state: Option<&LstmState>) -> Result<
 /// `points`. The start is zero; `weight` `[4 * hidden, hidden]`, `bias` `[4 * hidden]`.
 fn states(gates: &Tensor, weight: &Tensor, bias: &Tensor, points: usize) -> Result<Tensor> {
     if weight.device().is_cpu() && weight.dim(1)?.is_multiple_of(LINE) && gates.dim(1)? > 0 {
-        let op = Steps { points, keep: gates.track_op() || weight.track_op(), kept: Mutex::default() };
+        let each = rows_each(gates.dim(1)?, rayon::current_num_threads());
+        let op = Steps { points, each, keep: gates.track_op() || weight.track_op(), kept: Mutex::default() };
         return gates.contiguous()?.apply_op3(&weight.contiguous()?, &bias.contiguous()?, op);
     }
     in_steps(gates, weight, bias, points)
@@ -142,18 +143,30 @@ struct Kept {
 #[derive(Debug)]
 struct Steps {
     points: usize,
+    /// Rows of a chunk, forward and backward.
+    each: usize,
     keep: bool,
     kept: Mutex<Vec<Kept>>,
 }
 
-/// Rows of a chunk: small enough that a chunk's states stay in the cache.
-const CHUNK: usize = 64;
+/// Rows of a chunk, at most: small enough that a chunk's states stay in the cache.
+const MOST: usize = 64;
+/// Rows of a chunk, at least: enough to use a weight often once it is fetched.
+const LEAST: usize = 16;
+
+/// Rows of a chunk, of which there is then a multiple of the threads if that leaves enough rows to each.
+fn rows_each(rows: usize, threads: usize) -> usize {
+    let chunks = rows.div_ceil(MOST).next_multiple_of(threads.max(1));
+    rows.div_ceil(chunks.max(1)).next_multiple_of(8).clamp(LEAST, MOST)
+}
 
 /// Sizes of one call.
 #[derive(Clone, Copy)]
 struct Sizes {
     points: usize,
     rows: usize,
+    /// Rows of a chunk.
+    each: usize,
     hidden: usize,
     constant: bool,
 }
@@ -161,7 +174,7 @@ struct Sizes {
 impl Sizes {
     /// First row and number of rows of each chunk.
     fn chunks(self) -> Vec<(usize, usize)> {
-        (0..self.rows).step_by(CHUNK).map(|first| (first, CHUNK.min(self.rows - first))).collect()
+        (0..self.rows).step_by(self.each).map(|first| (first, self.each.min(self.rows - first))).collect()
     }
 
     /// Where row `first` of point `t` begins in the input gates, in units of rows.
@@ -194,15 +207,15 @@ impl Sizes {
     }
 
     /// Gradients of what enters the gates, `[points, count, 4 * hidden]`; `weight` is `[4 * hidden, hidden]`.
-    fn backward(self, first: usize, count: usize, kept: &Kept, dh: &[f32], weight: &Panels) -> Vec<f32> {
+    fn backward(self, first: usize, count: usize, kept: Kept, dh: &[f32], weight: &Panels) -> Vec<f32> {
         let (rows, n) = (self.rows, self.hidden);
         let size = count * n;
-        let mut dgates = kept.gates.clone();
+        let Kept { gates: mut dgates, cells } = kept;
         let (mut dcell, mut carried, zeros) = (vec![0f32; size], vec![0f32; size], vec![0f32; size]);
         for t in (0..self.points).rev() {
             add_rows(&mut carried, &dh[(t * rows + first) * n..][..size]);
-            let before = if t > 0 { &kept.cells[(t - 1) * size..][..size] } else { &zeros };
-            let (after, now) = (&kept.cells[t * size..][..size], &mut dgates[t * 4 * size..][..4 * size]);
+            let before = if t > 0 { &cells[(t - 1) * size..][..size] } else { &zeros };
+            let (after, now) = (&cells[t * size..][..size], &mut dgates[t * 4 * size..][..4 * size]);
             lstm_adjoint(n, now, before, after, Rows::new(&carried, n), &mut dcell);
             if t > 0 {
                 let to = RowsMut::new(&mut carried, n);
@@ -214,14 +227,31 @@ impl Sizes {
 }
 
 /// Puts the parts `[points, count, width]` of chunks of rows together, `[points, rows, width]`.
-fn together<'a>(sizes: Sizes, width: usize, parts: impl Iterator<Item = &'a [f32]>) -> Vec<f32> {
-    let mut all = vec![0f32; sizes.points * sizes.rows * width];
-    for ((first, count), part) in sizes.chunks().into_iter().zip(parts) {
-        for (t, part) in part.chunks_exact(count * width).enumerate() {
-            all[(t * sizes.rows + first) * width..][..count * width].copy_from_slice(part);
-        }
+fn together(sizes: Sizes, width: usize, mut parts: Vec<Vec<f32>>) -> Vec<f32> {
+    if parts.len() == 1 {
+        return parts.swap_remove(0);
     }
+    let (chunks, row) = (sizes.chunks(), sizes.rows * width);
+    let mut all = vec![0f32; sizes.points * row];
+    all.par_chunks_exact_mut(row.max(1)).enumerate().for_each(|(t, all)| {
+        for ((first, count), part) in chunks.iter().zip(&parts) {
+            all[first * width..][..count * width].copy_from_slice(&part[t * count * width..][..count * width]);
+        }
+    });
     all
+}
+
+/// The sum over the points of `x` `[points, size]`, point by point; candle's own divides indices for every value.
+fn sum_points(x: &[f32], points: usize, size: usize) -> Vec<f32> {
+    const PART: usize = 4096;
+    let mut sums = vec![0f32; size];
+    sums.par_chunks_mut(PART).enumerate().for_each(|(part, sums)| {
+        (0..points).for_each(|t| {
+            let (from, len) = (t * size + part * PART, sums.len());
+            add_rows(sums, &x[from..from + len]);
+        });
+    });
+    sums
 }
 
 impl CustomOp3 for Steps {
@@ -240,18 +270,17 @@ impl CustomOp3 for Steps {
     ) -> Result<(CpuStorage, Shape)> {
         let (first_dim, rows, _) = l1.shape().dims3()?;
         let (points, hidden) = (self.points, l2.shape().dims2()?.1);
-        let sizes = Sizes { points, rows, hidden, constant: first_dim == 1 };
+        let sizes = Sizes { points, rows, each: self.each, hidden, constant: first_dim == 1 };
         if !(sizes.constant || first_dim == points) {
             candle_core::bail!("lstm: {first_dim} points of input for {points} points");
         }
         let (gates, bias) = (values(s1, l1)?, values(s3, l3)?);
         let weight = Panels::pack_transposed(values(s2, l2)?, hidden, hidden, 4 * hidden);
         let chunks = sizes.chunks();
-        let parts: Vec<(Vec<f32>, Kept)> =
-            chunks.par_iter().map(|(first, count)| sizes.forward(*first, *count, gates, &weight, bias)).collect();
-        let h = together(sizes, hidden, parts.iter().map(|(h, _)| h.as_slice()));
+        let (parts, kept): (Vec<Vec<f32>>, Vec<Kept>) =
+            chunks.par_iter().map(|(first, count)| sizes.forward(*first, *count, gates, &weight, bias)).unzip();
+        let h = together(sizes, hidden, parts);
         if self.keep {
-            let kept = parts.into_iter().map(|(_, kept)| kept).collect();
             *self.kept.lock().unwrap_or_else(PoisonError::into_inner) = kept;
         }
         Ok((CpuStorage::F32(h), (points, rows, hidden).into()))
@@ -266,24 +295,25 @@ impl CustomOp3 for Steps {
         grad: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let (points, rows, hidden) = res.dims3()?;
-        let sizes = Sizes { points, rows, hidden, constant: gates.dim(0)? == 1 };
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let sizes = Sizes { points, rows, each: self.each, hidden, constant: gates.dim(0)? == 1 };
+        let kept = std::mem::take(&mut *self.kept.lock().unwrap_or_else(PoisonError::into_inner));
         let grad = grad.contiguous()?;
         let (dh, width) = (read(&grad)?, 4 * hidden);
         let dh = &*dh;
         let panels = Panels::pack(&read(weight)?, width, hidden);
         let chunks = sizes.chunks();
         if kept.len() != chunks.len() {
-            candle_core::bail!("lstm: the forward pass kept nothing to go back from");
+            candle_core::bail!("lstm: a sequence passes its gradient back once; go forward again before the next pass");
         }
         let parts: Vec<Vec<f32>> = chunks
             .par_iter()
-            .zip(kept.par_iter())
+            .zip(kept)
             .map(|((first, count), kept)| sizes.backward(*first, *count, kept, dh, &panels))
             .collect();
-        let all = together(sizes, width, parts.iter().map(Vec::as_slice));
+        let all = together(sizes, width, parts);
         let dbias = sum_rows(points * rows, width, |row, sums| add_rows(sums, &all[row * width..][..width]));
         let dbias = Tensor::from_vec(dbias, width, &Device::Cpu)?;
+        let summed = if sizes.constant { sum_points(&all, points, rows * width) } else { Vec::new() };
         let all = Tensor::from_vec(all, (points, rows, width), &Device::Cpu)?;
         let dweight = if points > 1 {
             let later = all.narrow(0, 1, points - 1)?.flatten(0, 1)?;
@@ -292,7 +322,7 @@ impl CustomOp3 for Steps {
         } else {
             weight.zeros_like()?
         };
-        let dgates = if sizes.constant { all.sum_keepdim(0)? } else { all };
+        let dgates = if sizes.constant { Tensor::from_vec(summed, (1, rows, width), &Device::Cpu)? } else { all };
         Ok((Some(dgates), Some(dweight), Some(dbias)))
     }
 }
@@ -331,6 +361,34 @@ mod tests {
             assert!(largest(&dg, &dg2) < 1e-5);
             assert!(largest(&dw, &dw2) < 1e-4, "{}", largest(&dw, &dw2));
             assert!(largest(&db, &db2) < 1e-4, "{}", largest(&db, &db2));
+        }
+    }
+
+    #[test]
+    fn the_same_bits_come_out_on_any_number_of_threads() {
+        let (points, rows, hidden) = (4, 75, 32);
+        let (weight, bias) = (numbers((4 * hidden, hidden), 0.3), numbers(4 * hidden, 1.6));
+        let gates = numbers((points, rows, 4 * hidden), 0.9);
+        let upstream = numbers((points, rows, hidden), 2.).as_tensor().clone();
+        let bits = |x: &Tensor| -> Vec<u32> {
+            x.flatten_all().unwrap().to_vec1::<f32>().unwrap().into_iter().map(f32::to_bits).collect()
+        };
+        let run = || {
+            let h = states(gates.as_tensor(), weight.as_tensor(), bias.as_tensor(), points).unwrap();
+            let grads = (&h * &upstream).unwrap().sum_all().unwrap().backward().unwrap();
+            [
+                bits(&h),
+                bits(grads.get(&gates).unwrap()),
+                bits(grads.get(&weight).unwrap()),
+                bits(grads.get(&bias).unwrap()),
+            ]
+        };
+        let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(run);
+        // A multiple of the threads where that leaves enough rows to a chunk.
+        assert_eq!([1, 2, 3, 8].map(|threads| rows_each(rows, threads)), [40, 40, 32, 16]);
+        let one = on(1);
+        for threads in [2, 3, 8] {
+            assert!(on(threads) == one, "{threads} threads");
         }
     }
 

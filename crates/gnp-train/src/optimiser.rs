@@ -1,9 +1,12 @@
 //! Adam over named weights, with the norm of the gradient held down.
 
 use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
 
 use candle_core::backprop::GradStore;
-use candle_core::{DType, Device, Tensor, Var};
+use candle_core::{CpuStorage, DType, Device, InplaceOp2, Layout, Tensor, Var};
+use gnp_nn::kernels::{read, values};
+use rayon::prelude::*;
 
 use crate::error::TrainError;
 
@@ -14,8 +17,8 @@ const EPSILON: f32 = 1e-8;
 
 /// Adam with decoupled weight decay (Loshchilov and Hutter 2019; 0 is plain Adam).
 ///
-/// The arithmetic runs on the host in name order, so that a step gives the same bits on every
-/// number of threads, and one pass over each weight does all of it.
+/// The arithmetic runs on the host, weights side by side, each by one thread in two passes: one for the norm, which adds up in
+/// name order, and one for everything else, in place. So a step gives the same bits on every number of threads.
 #[derive(Debug)]
 pub struct Adam {
     weights: BTreeMap<String, Moments>,
@@ -65,44 +68,34 @@ impl Adam {
     /// [`TrainError::Gradient`] with the first weight whose gradient is not finite; then no weight
     /// has moved. [`TrainError::Tensor`] when a gradient cannot be read.
     pub fn step(&mut self, gradients: &GradStore, rate: f64) -> Result<Step, TrainError> {
-        let mut read = Vec::with_capacity(self.weights.len());
-        let mut silent = Vec::new();
-        let mut squares = 0f64;
-        for (name, weight) in &self.weights {
-            let Some(gradient) = gradients.get(weight.var.as_tensor()) else {
-                silent.push(name.clone());
-                read.push(vec![0.; weight.var.elem_count()]);
-                continue;
-            };
-            let gradient = host(gradient)?;
-            let square: f64 = gradient.iter().map(|g| f64::from(*g) * f64::from(*g)).sum();
-            // A sum of squares of f32 cannot overflow an f64: it is finite when every entry is.
-            if !square.is_finite() {
-                return Err(TrainError::Gradient { weight: name.clone() });
-            }
-            squares += square;
-            read.push(gradient);
+        let mut weights: Vec<(&String, &mut Moments)> = self.weights.iter_mut().collect();
+        let gradient = |weight: &Moments| gradients.get(weight.var.as_tensor()).map(on_host).transpose();
+        let found: Vec<Option<Tensor>> =
+            weights.iter().map(|(_, weight)| gradient(weight)).collect::<candle_core::Result<_>>()?;
+        let square = |gradient: &Option<Tensor>| -> candle_core::Result<f64> {
+            let Some(gradient) = gradient else { return Ok(0.) };
+            Ok(read(gradient)?.iter().map(|g| f64::from(*g) * f64::from(*g)).sum())
+        };
+        // Each weight by itself and then in name order, whoever worked them out.
+        let squares: Vec<f64> = found.par_iter().map(square).collect::<candle_core::Result<_>>()?;
+        // A sum of squares of f32 cannot overflow an f64: it is finite when every entry is.
+        if let Some(((name, _), _)) = weights.iter().zip(&squares).find(|(_, square)| !square.is_finite()) {
+            return Err(TrainError::Gradient { weight: (*name).clone() });
         }
-        let gradient_norm = squares.sqrt();
+        let gradient_norm = squares.iter().sum::<f64>().sqrt();
         let clipped = self.clip_norm > 0. && gradient_norm > self.clip_norm;
-        let scale = if clipped { (self.clip_norm / gradient_norm) as f32 } else { 1. };
+        let silent = weights.iter().zip(&found).filter(|(_, gradient)| gradient.is_none());
+        let silent: Vec<String> = silent.map(|((name, _), _)| (*name).clone()).collect();
 
         self.steps += 1;
         let bias = |beta: f32| 1. - f64::from(beta).powf(self.steps as f64);
-        let size = (rate / bias(BETA_1)) as f32;
-        let root = bias(BETA_2).sqrt() as f32;
-        let kept = (1. - rate * self.weight_decay) as f32;
-        for (weight, gradient) in self.weights.values_mut().zip(read) {
-            let mut values = host(weight.var.as_tensor())?;
-            let moments = weight.first.iter_mut().zip(&mut weight.second);
-            for ((value, gradient), (first, second)) in values.iter_mut().zip(gradient).zip(moments) {
-                let gradient = gradient * scale;
-                *first = BETA_1 * *first + (1. - BETA_1) * gradient;
-                *second = BETA_2 * *second + (1. - BETA_2) * gradient * gradient;
-                *value = kept * *value - size * *first / (second.sqrt() / root + EPSILON);
-            }
-            weight.var.set(&Tensor::from_vec(values, weight.var.shape(), weight.var.device())?)?;
-        }
+        let update = Update {
+            scale: if clipped { (self.clip_norm / gradient_norm) as f32 } else { 1. },
+            size: (rate / bias(BETA_1)) as f32,
+            root: bias(BETA_2).sqrt() as f32,
+            kept: (1. - rate * self.weight_decay) as f32,
+        };
+        weights.par_iter_mut().zip(&found).try_for_each(|((_, weight), gradient)| update.step(weight, gradient))?;
         Ok(Step { gradient_norm, silent })
     }
 
@@ -134,6 +127,77 @@ impl Adam {
     }
 }
 
+/// The numbers of one step, the same for all weights.
+#[derive(Clone, Copy, Debug)]
+struct Update {
+    /// What the gradient is multiplied with.
+    scale: f32,
+    size: f32,
+    root: f32,
+    /// What decay leaves of a weight.
+    kept: f32,
+}
+
+impl Update {
+    /// One weight; a missing gradient counts as 0.
+    fn step(self, weight: &mut Moments, gradient: &Option<Tensor>) -> candle_core::Result<()> {
+        let Moments { var, first, second } = weight;
+        let zeros;
+        let gradient = match gradient {
+            Some(gradient) => gradient,
+            None => {
+                zeros = Tensor::zeros(var.shape(), DType::F32, &Device::Cpu)?;
+                &zeros
+            }
+        };
+        let moments = Mutex::new((first.as_mut_slice(), second.as_mut_slice()));
+        let step = InPlace { update: self, moments };
+        if var.device().is_cpu() && var.is_contiguous() {
+            return var.inplace_op2(gradient, &step);
+        }
+        let values = on_host(var.as_tensor())?.copy()?;
+        values.inplace_op2(gradient, &step)?;
+        var.set(&values.to_device(var.device())?)
+    }
+}
+
+/// A step of one weight on its own memory.
+struct InPlace<'a> {
+    update: Update,
+    moments: Mutex<(&'a mut [f32], &'a mut [f32])>,
+}
+
+impl InplaceOp2 for InPlace<'_> {
+    fn name(&self) -> &'static str {
+        "adam"
+    }
+
+    fn cpu_fwd(
+        &self,
+        weight: &mut CpuStorage,
+        weight_layout: &Layout,
+        gradient: &CpuStorage,
+        gradient_layout: &Layout,
+    ) -> candle_core::Result<()> {
+        let (CpuStorage::F32(weight), Some((start, end))) = (weight, weight_layout.contiguous_offsets()) else {
+            candle_core::bail!("Adam moves contiguous f32");
+        };
+        let (gradient, weight) = (values(gradient, gradient_layout)?, &mut weight[start..end]);
+        let mut moments = self.moments.lock().unwrap_or_else(PoisonError::into_inner);
+        let Update { scale, size, root, kept } = self.update;
+        let (first, second) = &mut *moments;
+        for ((value, gradient), (first, second)) in
+            weight.iter_mut().zip(gradient).zip(first.iter_mut().zip(second.iter_mut()))
+        {
+            let gradient = gradient * scale;
+            *first = BETA_1 * *first + (1. - BETA_1) * gradient;
+            *second = BETA_2 * *second + (1. - BETA_2) * gradient * gradient;
+            *value = kept * *value - size * *first / (second.sqrt() / root + EPSILON);
+        }
+        Ok(())
+    }
+}
+
 /// The values of the tensor that `saved` has for the weight `var`, if it has its shape.
 pub(crate) fn matching(name: &str, var: &Var, saved: &BTreeMap<String, Tensor>) -> Result<Vec<f32>, String> {
     let Some(tensor) = saved.get(name) else {
@@ -143,6 +207,11 @@ pub(crate) fn matching(name: &str, var: &Var, saved: &BTreeMap<String, Tensor>) 
         return Err(format!("weight `{name}` has shape {:?} and had {:?}", var.dims(), tensor.dims()));
     }
     host(tensor).map_err(|error| format!("weight `{name}`: {error}"))
+}
+
+/// `tensor` as f32 in row-major order on the CPU; itself where it is so.
+fn on_host(tensor: &Tensor) -> candle_core::Result<Tensor> {
+    tensor.to_device(&Device::Cpu)?.to_dtype(DType::F32)?.contiguous()
 }
 
 /// The values of `tensor` in row-major order.

@@ -105,7 +105,7 @@ impl Fused {
         let flat = weights.iter().map(Tensor::flatten_all).collect::<Result<Vec<_>>>()?;
         let flat = Tensor::cat(&flat, 0)?.to_vec1::<f32>()?;
         let batch = Batch::new(network, batch, sizes, phase)?;
-        let net = self.layout.maps.map(|dense| Packed::new(dense, &flat, false));
+        let net = self.layout.packed(&flat, false);
         let chunks = batch.chunks(rayon::current_num_threads(), false);
         let outcomes: Vec<Outcome> = chunks
             .par_iter()
@@ -207,7 +207,7 @@ impl CustomOp3 for Operation {
     ) -> Result<(CpuStorage, Shape)> {
         let Some((start, end)) = strides.contiguous_offsets() else { candle_core::bail!("flat weights are strided") };
         let flat = &storage.as_slice::<f32>()?[start..end];
-        let net = Arc::new(self.fused.layout.maps.map(|dense| Packed::new(dense, flat, self.keep)));
+        let net = Arc::new(self.fused.layout.packed(flat, self.keep));
         let chunks = self.batch.chunks(self.threads, self.keep);
         let room = self.fused.tape_values / self.batch.tape_values_a_window(&net).max(1);
         let done: Vec<(Vec<f32>, Option<Tape>)> = chunks
@@ -250,16 +250,12 @@ impl CustomOp3 for Operation {
         while !work.is_empty() {
             // As many at a time as there are threads: the weight gradients of all would be large.
             let some: Vec<_> = work.drain(..self.threads.clamp(1, work.len())).collect();
-            let gradients: Vec<_> =
-                some.into_par_iter().map(|(chunk, tape)| self.undo(&chunk, &net, tape, &dpath)).collect();
-            for (gradient, inputs) in gradients {
-                for (gradient, dense) in gradient.iter().zip(self.fused.layout.maps.iter()) {
-                    gradient.add_to(dense, &mut sum);
-                }
-                if let Some(inputs) = inputs {
-                    dgoals.extend(inputs.goals);
-                    dobserved.extend(inputs.observed);
-                }
+            let (gradients, inputs): (Vec<Net<Gradient>>, Vec<Option<InputGradient>>) =
+                some.into_par_iter().map(|(chunk, tape)| self.undo(&chunk, &net, tape, &dpath)).unzip();
+            self.fused.layout.add(&gradients, &mut sum);
+            for inputs in inputs.into_iter().flatten() {
+                dgoals.extend(inputs.goals);
+                dobserved.extend(inputs.observed);
             }
         }
         let tensor = |values, like: &Tensor| Tensor::from_vec(values, like.shape(), like.device());

@@ -5,6 +5,8 @@
 
 use std::convert::Infallible;
 
+use rayon::prelude::*;
+
 use crate::TrajConfig;
 
 /// Both networks; `L` is a linear layer, `C` an LSTM cell, `M` linear layers with ReLU between them.
@@ -109,6 +111,27 @@ impl<T> Net<T> {
             enc_line: list(&self.enc_line),
             k_line: list(&self.k_line),
         }
+    }
+
+    /// [`Net::map`] with layers side by side on all threads.
+    pub(crate) fn par_map<U: Send>(&self, f: impl Fn(&T) -> U + Sync) -> Net<U>
+    where
+        T: Sync,
+    {
+        let history_encoder = |x: &HistoryEncoder<T>| {
+            let (cell, [emb, out]) = rayon::join(|| f(&x.cell), || [&x.emb, &x.out].map(&f));
+            HistoryEncoder { emb, cell, out }
+        };
+        let list = |x: &[T]| x.par_iter().map(&f).collect();
+        let [first, second] = &self.history_encoders;
+        let ((first, second), ((enc_goal, tau), (enc_nei, k), (enc_line, k_line))) = rayon::join(
+            || rayon::join(|| history_encoder(first), || history_encoder(second)),
+            || {
+                let pair = |a: &[T], b: &[T]| rayon::join(|| list(a), || list(b));
+                (pair(&self.enc_goal, &self.tau), pair(&self.enc_nei, &self.k), pair(&self.enc_line, &self.k_line))
+            },
+        );
+        Net { history_encoders: [first, second], enc_goal, tau, enc_nei, k, enc_line, k_line }
     }
 
     /// Every layer, in one fixed order.

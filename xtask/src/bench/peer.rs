@@ -72,6 +72,8 @@ impl Python {
         let mut command = Command::new(&self.program);
         // The programs leave no compiled copy of themselves beside them.
         command.arg("-B").arg(&path).args(arguments).stdin(Stdio::null()).stderr(Stdio::inherit());
+        // What suits this program is not for others.
+        gnp_cli::variables(1).iter().for_each(|(name, _)| _ = command.env_remove(name));
         let output = command.output().with_context(|| format!("cannot start {}", self.program.display()))?;
         if !output.status.success() {
             bail!("{program} failed ({}); see its message above", output.status);

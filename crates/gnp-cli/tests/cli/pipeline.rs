@@ -193,6 +193,11 @@ fn ctrl_c_keeps_a_checkpoint_that_a_resume_goes_on_from() {
         assert!(running.try_wait().unwrap().is_none(), "ended before the first epoch");
         std::thread::sleep(Duration::from_millis(5));
     }
+    // Still the process that was started, though it started itself anew with what the libraries below are to find.
+    if let Ok(environment) = fs::read(format!("/proc/{}/environ", running.id())) {
+        let environment = String::from_utf8_lossy(&environment);
+        assert!(environment.contains("CANDLE_NUM_THREADS=1\0") && environment.contains("RAYON_NUM_THREADS="));
+    }
     let sent = Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
     assert!(sent.success());
     let ended = running.wait_with_output().unwrap();

@@ -4,6 +4,7 @@ use std::convert::Infallible;
 use std::ops::Range;
 
 use gnp_nn::kernels::{Panels, Picked, Rows, Scratch, outer_sum, padded};
+use rayon::prelude::*;
 
 use super::cuts::Cuts;
 use crate::weights::Builder;
@@ -52,6 +53,11 @@ impl Dense {
     fn used_outputs(&self) -> usize {
         let (parts, each) = self.outputs;
         parts.saturating_sub(1) * padded(each) + each
+    }
+
+    /// Where its weights begin in the flat vector; they end where those of the next map begin.
+    fn start(&self) -> usize {
+        self.inputs.first().map_or(0, |part| part.offset)
     }
 
     /// Calls `f` with each stretch of weights: flat range, padded output, first padded input.
@@ -144,8 +150,8 @@ impl Gradient {
         }
     }
 
-    /// Adds the gradients of the groups to the flat one, in their order.
-    pub(crate) fn add_to(&self, dense: &Dense, flat: &mut [f32]) {
+    /// Adds the gradients of the groups, in their order, to the part of the flat one that begins at `start`.
+    fn add_to(&self, dense: &Dense, start: usize, flat: &mut [f32]) {
         let sum = |flat: &mut [f32], values: &[f32]| {
             for (flat, value) in flat.iter_mut().zip(values) {
                 *flat += value;
@@ -153,8 +159,12 @@ impl Gradient {
         };
         let groups = self.weight.chunks_exact(self.outputs * self.inputs).zip(self.bias.chunks_exact(self.outputs));
         for (weight, bias) in groups {
-            dense.stretches(|range, output, input| sum(&mut flat[range], &weight[output * self.inputs + input..]));
-            dense.bias_stretches(|range, output| sum(&mut flat[range], &bias[output..]));
+            dense.stretches(|range, output, input| {
+                sum(&mut flat[range.start - start..range.end - start], &weight[output * self.inputs + input..])
+            });
+            dense.bias_stretches(|range, output| {
+                sum(&mut flat[range.start - start..range.end - start], &bias[output..])
+            });
         }
     }
 }
@@ -176,6 +186,31 @@ impl Layout {
         let mut flat = Flat::default();
         let Ok(maps) = Net::build(cfg, &mut flat);
         Self { names: flat.names, phi_1: flat.phi_1, maps }
+    }
+
+    /// The flat weights packed, maps side by side; those of the adjoint only if there will be one.
+    pub(crate) fn packed(&self, flat: &[f32], adjoint: bool) -> Net<Packed> {
+        self.maps.par_map(|dense| Packed::new(dense, flat, adjoint))
+    }
+
+    /// Adds the gradients of chunks, in their order, to the flat one; maps side by side.
+    pub(crate) fn add(&self, gradients: &[Net<Gradient>], flat: &mut [f32]) {
+        let mut maps: Vec<(&Dense, Vec<&Gradient>)> = self.maps.iter().map(|dense| (dense, Vec::new())).collect();
+        for net in gradients {
+            maps.iter_mut().zip(net.iter()).for_each(|((_, of_map), gradient)| of_map.push(gradient));
+        }
+        // Each map has a stretch of the flat vector to itself.
+        maps.sort_by_key(|(dense, _)| std::cmp::Reverse(dense.start()));
+        let mut rest = flat;
+        let mut work = Vec::with_capacity(maps.len());
+        for (dense, of_map) in maps {
+            let (before, own) = rest.split_at_mut(dense.start());
+            work.push((dense, of_map, own));
+            rest = before;
+        }
+        work.into_par_iter().for_each(|(dense, of_map, own)| {
+            of_map.into_iter().for_each(|gradient| gradient.add_to(dense, dense.start(), own));
+        });
     }
 
     /// Whether `phase` trains the weight at `index` of the names.
