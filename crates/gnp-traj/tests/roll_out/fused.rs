@@ -52,6 +52,21 @@ fn paths_and_gradients_are_those_of_the_graph() -> Outcome {
     Ok(())
 }
 
+#[test]
+fn a_path_without_a_gradient_has_the_bits_of_one_with_it() -> Outcome {
+    for (goals, network_period) in [(1, 1), (3, 1), (4, 3)] {
+        let (force, _) = network(&TrajConfig { network_period, ..small() }, 7)?;
+        let scene = scene(5, goals, 11)?;
+        for phase in [Phase::Attraction, Phase::Repulsion, Phase::Full] {
+            let recorded = values(&force.roll_out_on(Engine::Fused, &scene, phase)?)?;
+            assert_eq!(values(&force.predict(&scene, phase)?)?, recorded, "{goals} goals in {phase:?}");
+            let explained = force.roll_out_explained_on(Engine::Fused, &scene, phase)?;
+            assert_eq!(values(&explained.path)?, recorded, "{goals} goals in {phase:?}, explained");
+        }
+    }
+    Ok(())
+}
+
 /// Losses of an epoch of gradient descent on 24 mini-batches, each of windows of its own.
 fn epoch(engine: Engine) -> Outcome<Vec<f32>> {
     let (network, weights) = network(&small(), 7)?;
