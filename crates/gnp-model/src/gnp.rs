@@ -142,6 +142,7 @@ impl Gnp {
                 let phase =
                     if checkpoint.header.part == Component::Attraction { Phase::Attraction } else { Phase::Full };
                 let force = SocialForce::new(config, constants(checkpoint, device))
+                    .and_then(|force| force.frozen())
                     .map_err(|error| ModelError::weights(checkpoint.header.part, &error))?;
                 Some((force, phase))
             }
