@@ -27,7 +27,7 @@ pub use matmul::{Panels, Rows, RowsMut, Start, matmul, matmul_transposed, produc
 pub use outer_sum::{Picked, Scratch, outer_sum};
 pub(crate) use rows::NORM_EPSILON;
 pub use rows::{
-    Affine, add_rows, add_to_rows, drop_values, norm, norm_adjoint, relu, relu_adjoint, softmax, softmax_adjoint,
-    sum_rows, transpose,
+    Affine, add_rows, add_to_rows, affine_rows, drop_values, norm, norm_adjoint, relu, relu_adjoint, row_products,
+    scale_rows, sum_rows, transpose,
 };
 pub use values::{read, values};
