@@ -7,6 +7,7 @@ mod check;
 mod clock;
 mod floor;
 mod frame;
+mod gpu;
 mod limits;
 mod networks;
 mod peer;
@@ -38,6 +39,9 @@ const THREADS: &str = "RAYON_NUM_THREADS";
 pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
     if args.check {
         return check(if args.quick { Profile::Quick } else { Profile::Full }, terminal);
+    }
+    if args.gpu {
+        return gpu::run(args.python.as_deref(), terminal);
     }
     let threads = args.threads.map_or(if args.frame { 1 } else { cores() }, usize::from);
     if std::env::var(THREADS).ok() != Some(threads.to_string()) {

@@ -2,7 +2,7 @@
 
 use candle_core::{D, Tensor};
 use candle_nn::{Init, Linear, Module, VarBuilder};
-use gnp_nn::{Dropout, linear};
+use gnp_nn::{Dropout, LaunchCache, linear};
 
 use crate::block::{Block, BlockMasks};
 use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
@@ -122,6 +122,7 @@ impl GoalNet {
         mut dropout: Option<&mut Dropout>,
     ) -> Result<GoalOutput, GoalError> {
         let batch = self.check(observed, neighbours, mask, modes, pick)?;
+        let _sent = LaunchCache::on(observed.device());
         let modes = modes.flatten_from(1)?;
         // Modes are embedded once a batch, not once a window.
         let (embedded, observed) = (self.mode.forward(&modes)?, self.observed.forward(observed)?);

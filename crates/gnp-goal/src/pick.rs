@@ -1,16 +1,17 @@
 //! Which modes are decoded.
 
-use candle_core::{D, Device, Result, Tensor};
+use candle_core::{D, Result, Tensor};
 
 use crate::error::GoalError;
 
 /// Which modes are decoded.
 #[derive(Clone, Debug)]
 pub enum Pick {
-    /// These, `[batch, k]` of `u32`: in training, the one nearest to the truth.
+    /// These, `[batch, k]` of `u32`: in training, the one nearest to the truth. On a GPU they are not looked at
+    /// before they are used.
     Indices(Tensor),
-    /// The `k` most probable of each window, likeliest first, the lower index among equals; all of
-    /// them where there are fewer.
+    /// The `k` most probable of each window, likeliest first, the lower index among equals (on a GPU in any order); all
+    /// of them where there are fewer.
     MostProbable(usize),
     /// All, in the order of the modes: in training, where their mean is learned.
     All,
@@ -21,6 +22,8 @@ impl Pick {
     pub(crate) fn indices(&self, logits: &Tensor) -> std::result::Result<Tensor, GoalError> {
         let (batch, modes) = logits.dims2()?;
         match self {
+            // To look at them the host would wait for the GPU, whose kernel stops the program at one that is too large.
+            Self::Indices(indices) if !logits.device().is_cpu() => Ok(indices.clone()),
             Self::Indices(indices) => {
                 // Checked here, because one beyond the last mode is the next window's first.
                 let picked = indices.flatten_all()?.to_vec1::<u32>()?;
@@ -35,8 +38,11 @@ impl Pick {
             }
             Self::MostProbable(k) => {
                 let k = (*k).min(modes);
+                if !logits.device().is_cpu() {
+                    return Ok(sorted(logits, k)?);
+                }
                 let mut picked = Vec::with_capacity(batch * k);
-                for row in logits.to_device(&Device::Cpu)?.to_vec2::<f32>()? {
+                for row in logits.to_vec2::<f32>()? {
                     let mut order: Vec<u32> = (0..modes as u32).collect();
                     order.sort_by(|a, b| row[*b as usize].total_cmp(&row[*a as usize]).then(a.cmp(b)));
                     picked.extend_from_slice(&order[..k]);
@@ -47,9 +53,17 @@ impl Pick {
     }
 }
 
+/// The indices `[batch, k]` of the largest of `logits` `[batch, modes]`, found on their device.
+fn sorted(logits: &Tensor, k: usize) -> Result<Tensor> {
+    logits.contiguous()?.arg_sort_last_dim(false)?.narrow(1, 0, k)?.contiguous()
+}
+
 /// The rows `indices` `[batch, k]` of `x` `[batch, modes, width]`, `[batch, k, width]`.
 pub(crate) fn rows(x: &Tensor, indices: &Tensor) -> Result<Tensor> {
     let (batch, modes, width) = x.dims3()?;
+    if !x.device().is_cpu() {
+        return gathered(x, indices);
+    }
     let (_, k) = indices.dims2()?;
     // One selection over all windows: its gradient adds rows, where a gather would need an index
     // for each value.
@@ -58,9 +72,35 @@ pub(crate) fn rows(x: &Tensor, indices: &Tensor) -> Result<Tensor> {
     x.reshape((batch * modes, width))?.index_select(&flat, 0)?.reshape((batch, k, width))
 }
 
+/// As [`rows`] by an index for each value: on a GPU the gradient of a selection over all windows would be added up row by
+/// row, one after the other.
+fn gathered(x: &Tensor, indices: &Tensor) -> Result<Tensor> {
+    let ((batch, k), width) = (indices.dims2()?, x.dim(D::Minus1)?);
+    let index = indices.unsqueeze(D::Minus1)?.broadcast_as((batch, k, width))?.contiguous()?;
+    x.contiguous()?.gather(&index, 1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use candle_core::{Device, Var};
+
+    #[test]
+    fn what_gpus_run_picks_the_same() -> std::result::Result<(), Box<dyn std::error::Error>> {
+        let logits = Tensor::new(&[[0.1f32, 3., -1., 2.], [5., 4., 6., 1.]], &Device::Cpu)?;
+        let picked = Pick::MostProbable(3).indices(&logits)?;
+        assert_eq!(sorted(&logits, 3)?.to_vec2::<u32>()?, picked.to_vec2::<u32>()?);
+        let x = Var::from_tensor(&Tensor::arange(0f32, 24., &Device::Cpu)?.reshape((2, 4, 3))?)?;
+        let weigh = Tensor::arange(1f32, 19., &Device::Cpu)?.reshape((2, 3, 3))?;
+        let run = |of: fn(&Tensor, &Tensor) -> Result<Tensor>| -> Result<[Vec<f32>; 2]> {
+            let out = of(&x, &picked)?;
+            let gradients = (&out * &weigh)?.sum_all()?.backward()?;
+            let gradient = gradients.get(&x).ok_or_else(|| candle_core::Error::msg("no gradient"))?;
+            Ok([out.flatten_all()?.to_vec1()?, gradient.flatten_all()?.to_vec1()?])
+        };
+        assert_eq!(run(gathered)?, run(rows)?);
+        Ok(())
+    }
 
     #[test]
     fn the_most_probable_come_first() -> std::result::Result<(), Box<dyn std::error::Error>> {

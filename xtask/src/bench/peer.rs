@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, Result, bail};
+use serde::de::DeserializeOwned;
 
 use crate::project;
 
@@ -32,6 +33,19 @@ impl Python {
     pub(super) fn prepare(terminal: &Terminal) -> Result<Self> {
         let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| project::root().join("target"), PathBuf::from);
         Self::prepare_at(&target.join("peer-venv"), "python3", terminal)
+    }
+
+    /// `python` as it is where that is named, else as [`Python::prepare`].
+    ///
+    /// # Errors
+    /// When it cannot be started, or those of [`Python::prepare`].
+    pub(super) fn find(python: Option<&Path>, terminal: &Terminal) -> Result<Self> {
+        let Some(python) = python else { return Self::prepare(terminal) };
+        let version = Command::new(python).arg("--version").output();
+        if !version.is_ok_and(|output| output.status.success()) {
+            bail!("--python {} cannot be started; give the file of a Python with PyTorch and JAX", python.display());
+        }
+        Ok(Self { program: python.to_owned() })
     }
 
     fn prepare_at(folder: &Path, python: &str, terminal: &Terminal) -> Result<Self> {
@@ -67,7 +81,7 @@ impl Python {
     ///
     /// # Errors
     /// When the program fails or prints something else.
-    pub(super) fn measure(&self, program: &str, arguments: &[String]) -> Result<Milliseconds> {
+    pub(super) fn measure<T: DeserializeOwned>(&self, program: &str, arguments: &[String]) -> Result<T> {
         let path = project::root().join("xtask/peer").join(program);
         let mut command = Command::new(&self.program);
         // The programs leave no compiled copy of themselves beside them.
@@ -93,7 +107,7 @@ fn run(command: &mut Command) -> Result<()> {
 }
 
 /// Reads the last line that is not empty.
-fn parse(text: &str) -> Result<Milliseconds> {
+fn parse<T: DeserializeOwned>(text: &str) -> Result<T> {
     let line = text.lines().rfind(|line| !line.trim().is_empty()).unwrap_or_default();
     Ok(serde_json::from_str(line)?)
 }
@@ -104,9 +118,10 @@ mod tests {
 
     #[test]
     fn the_last_line_counts() {
-        let read = parse("a warning\n{\"ngsim.traj.train\": 18.6}\n\n").unwrap();
+        let read: Milliseconds = parse("a warning\n{\"ngsim.traj.train\": 18.6}\n\n").unwrap();
         assert_eq!(read, BTreeMap::from([("ngsim.traj.train".to_owned(), 18.6)]));
-        assert!(parse("").is_err() && parse("{\"x\": \"slow\"}").is_err());
+        let refused = |text| parse::<Milliseconds>(text).is_err();
+        assert!(refused("") && refused("{\"x\": \"slow\"}"));
     }
 
     #[test]
@@ -115,6 +130,13 @@ mod tests {
         let terminal = Terminal::start(true, false, &gnp_cli::Program::default());
         let error = Python::prepare_at(&folder.path().join("venv"), "no-such-python", &terminal).unwrap_err();
         assert!(error.to_string().contains("no-such-python") && error.to_string().contains("install"), "{error}");
+    }
+
+    #[test]
+    fn a_named_python_is_taken_as_it_is_or_refused() {
+        let terminal = Terminal::start(true, false, &gnp_cli::Program::default());
+        let error = Python::find(Some(Path::new("no-such-python")), &terminal).unwrap_err();
+        assert!(error.to_string().contains("--python no-such-python"), "{error}");
     }
 
     #[cfg(unix)]
