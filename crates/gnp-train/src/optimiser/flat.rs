@@ -123,9 +123,11 @@ mod tests {
     use super::super::{Adam, host};
     use super::*;
 
+    const CLIP_NORM: f64 = 0.05;
+
     /// An optimiser of these weights, on the host or as on a GPU.
     fn adam(vars: &BTreeMap<String, Var>, flat: bool) -> Adam {
-        let mut adam = Adam::new(vars.clone(), 0.1, 0.5).unwrap();
+        let mut adam = Adam::new(vars.clone(), 0.1, CLIP_NORM).unwrap();
         adam.flat = flat.then(|| Flat::new(vars.values()).unwrap());
         adam
     }
@@ -173,7 +175,7 @@ mod tests {
             assert!((found.gradient_norm / wanted.gradient_norm - 1.).abs() < 1e-6);
             assert_eq!(found.silent, ["unreached"]);
         }
-        assert!(wanted_steps[0].gradient_norm > 0.5, "no gradient was shortened");
+        assert!(wanted_steps.iter().any(|step| step.gradient_norm > CLIP_NORM), "no gradient was shortened");
     }
 
     #[test]
