@@ -52,7 +52,7 @@ Examples:
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
-    /// Try made-up and damaged input on everything that reads.
+    /// Try made-up and damaged input on what reads files from strangers.
     #[command(after_help = "\
 Examples:
   cargo xtask fuzz --seconds 60 --jobs 2              a minute of each target, two at a time

@@ -7,6 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::DataError;
 use crate::recording::{Recording, Track};
 use crate::window::Window;
 
@@ -75,11 +76,14 @@ pub struct Copies {
 impl Copies {
     /// Takes another recording. Of two that have the same rows the one with fewer is left out, of two with equally many
     /// the later by name.
-    pub fn take(&mut self, new: Fingerprint) -> Taken {
+    ///
+    /// # Errors
+    /// [`DataError::DuplicateRecording`] when one of its name is kept already that has other rows.
+    pub fn take(&mut self, new: Fingerprint) -> Result<Taken, DataError> {
         let before = |a: &Fingerprint, b: &Fingerprint| (b.rows, &a.name) <= (a.rows, &b.name);
         let larger = self.kept.iter().filter(|kept| before(kept, &new));
         if let Some(left_out) = larger.filter_map(|kept| new.left_out_for(kept)).next() {
-            return Taken::LeftOut(left_out);
+            return Ok(Taken::LeftOut(left_out));
         }
         let mut left_out = Vec::new();
         self.kept.retain(|kept| match kept.left_out_for(&new).filter(|_| !before(kept, &new)) {
@@ -89,8 +93,11 @@ impl Copies {
             }
             None => true,
         });
+        if self.kept.iter().any(|kept| kept.name == new.name) {
+            return Err(DataError::DuplicateRecording { recording: new.name });
+        }
         self.kept.push(new);
-        Taken::Kept(left_out)
+        Ok(Taken::Kept(left_out))
     }
 }
 

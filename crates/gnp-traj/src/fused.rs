@@ -8,14 +8,15 @@
 //! - `forward` runs the networks (`history_encoder`, `head`, `mlp`) and the physics of `gnp_force` step by step;
 //!   what `backward` needs stays in the buffers of a tape, and without a gradient nothing stays.
 //! - Empty slots and lines are left out rather than masked, and the history is taken in once a window.
-//! - Chunks do not depend on the number of threads and gradients add up in their order, so that the
-//!   same bits come out on any number of them.
+//! - A window's values do not depend on the others of its chunk, and gradients add up by groups of windows, in their
+//!   order (`cuts`): the same bits come out on any number of threads, whatever chunks they take.
 //!
 //! Widths are padded to whole cache lines with zeros in the weights, so that padding stays zero or is
 //! multiplied by zero throughout.
 
 mod backward;
 mod batch;
+mod cuts;
 mod forward;
 mod head;
 mod history_encoder;
@@ -43,9 +44,6 @@ pub(crate) use self::layout::Layout;
 /// Values (4 bytes each) that the tapes of one batch may hold; chunks beyond go forward once more
 /// before they go backward. Also what waits for the next batch at most.
 const TAPE_VALUES: usize = 1 << 28;
-
-/// Chunks whose weight gradients exist at a time.
-const GROUP: usize = 16;
 
 /// What a network keeps from one roll-out to the next: the layout of its weights and idle memory.
 #[derive(Clone, Debug)]
@@ -90,7 +88,8 @@ impl Fused {
         let inputs = goals.track_op() || observed.track_op();
         let keep = flat.track_op() || inputs;
         let batch = Batch::new(network, batch, sizes, phase)?;
-        let operation = Operation { fused: self.clone(), batch, keep, inputs, memory: Mutex::default() };
+        let threads = rayon::current_num_threads();
+        let operation = Operation { fused: self.clone(), batch, threads, keep, inputs, memory: Mutex::default() };
         flat.apply_op3(&goals, &observed, operation)
     }
 
@@ -107,7 +106,7 @@ impl Fused {
         let flat = Tensor::cat(&flat, 0)?.to_vec1::<f32>()?;
         let batch = Batch::new(network, batch, sizes, phase)?;
         let net = self.layout.maps.map(|dense| Packed::new(dense, &flat, false));
-        let chunks = batch.chunks();
+        let chunks = batch.chunks(rayon::current_num_threads(), false);
         let outcomes: Vec<Outcome> = chunks
             .par_iter()
             .map(|chunk| {
@@ -151,6 +150,8 @@ fn explained(outcomes: Vec<Outcome>, batch: &Batch) -> Result<RollOut> {
 struct Operation {
     fused: Fused,
     batch: Batch,
+    /// Threads that the batch is cut into chunks for, forward and backward.
+    threads: usize,
     /// Whether there will be a gradient.
     keep: bool,
     /// Whether there will be one to goals or observations.
@@ -181,7 +182,7 @@ impl Operation {
     ) -> (Net<Gradient>, Option<InputGradient>) {
         let (pool, width) = (&self.fused.pool, self.batch.sizes.goals * self.batch.steps * 2);
         let mut tape = tape.unwrap_or_else(|| forward::roll_out(chunk, net, pool, true, false).1);
-        let mut gradient = self.fused.layout.maps.map(Gradient::zeros);
+        let mut gradient = self.fused.layout.maps.map(|dense| Gradient::zeros(dense, chunk.groups()));
         let dpath = &dpath[chunk.windows.start * width..chunk.windows.end * width];
         let inputs = backward::adjoint(chunk, net, &mut tape, dpath, &mut gradient, self.inputs);
         tape.recycle(pool, self.fused.tape_values);
@@ -207,13 +208,12 @@ impl CustomOp3 for Operation {
         let Some((start, end)) = strides.contiguous_offsets() else { candle_core::bail!("flat weights are strided") };
         let flat = &storage.as_slice::<f32>()?[start..end];
         let net = Arc::new(self.fused.layout.maps.map(|dense| Packed::new(dense, flat, self.keep)));
-        let chunks = self.batch.chunks();
-        let room = self.fused.tape_values / self.batch.tape_values(&net).max(1);
+        let chunks = self.batch.chunks(self.threads, self.keep);
+        let room = self.fused.tape_values / self.batch.tape_values_a_window(&net).max(1);
         let done: Vec<(Vec<f32>, Option<Tape>)> = chunks
             .par_iter()
-            .enumerate()
-            .map(|(i, chunk)| {
-                let keep = self.keep && i < room;
+            .map(|chunk| {
+                let keep = self.keep && chunk.windows.end <= room;
                 let (outcome, tape) = forward::roll_out(chunk, &net, &self.fused.pool, keep, false);
                 if keep {
                     return (outcome.path, Some(tape));
@@ -244,13 +244,14 @@ impl CustomOp3 for Operation {
             candle_core::bail!("a roll-out passes its gradient back once; roll out again before the next backward pass")
         };
         let dpath = dpath.flatten_all()?.to_vec1::<f32>()?;
-        let mut work: Vec<_> = self.batch.chunks().into_iter().zip(tapes).collect();
+        let mut work: Vec<_> = self.batch.chunks(self.threads, true).into_iter().zip(tapes).collect();
         let mut sum = vec![0.; flat.elem_count()];
         let (mut dgoals, mut dobserved) = (Vec::new(), Vec::new());
         while !work.is_empty() {
-            let group: Vec<_> = work.drain(..GROUP.min(work.len())).collect();
+            // As many at a time as there are threads: the weight gradients of all would be large.
+            let some: Vec<_> = work.drain(..self.threads.clamp(1, work.len())).collect();
             let gradients: Vec<_> =
-                group.into_par_iter().map(|(chunk, tape)| self.undo(&chunk, &net, tape, &dpath)).collect();
+                some.into_par_iter().map(|(chunk, tape)| self.undo(&chunk, &net, tape, &dpath)).collect();
             for (gradient, inputs) in gradients {
                 for (gradient, dense) in gradient.iter().zip(self.fused.layout.maps.iter()) {
                     gradient.add_to(dense, &mut sum);

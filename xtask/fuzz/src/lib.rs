@@ -1,4 +1,4 @@
-//! Made-up and damaged input for everything of GNP that reads.
+//! Made-up and damaged input for what of GNP reads files from strangers, a target for each.
 //!
 //! A [`Target`] takes any bytes and makes a case of them: a table, a checkpoint, a configuration. The first byte says how:
 //! as it stands, or with its checksum put right around it, or as the numbers of a made-up case ([`arbitrary`]). The code

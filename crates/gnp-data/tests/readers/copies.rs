@@ -1,6 +1,6 @@
 //! Recordings that are copies or cuts of others.
 
-use gnp_data::{Copies, Dataset, Fingerprint, Recording, Taken};
+use gnp_data::{Copies, DataError, Dataset, Fingerprint, Recording, Taken};
 
 use super::highd::scene;
 use super::ngsim::{HEADER, Row, csv, rows};
@@ -16,7 +16,7 @@ fn recording(name: &str, rows: &[Row]) -> Recording {
 /// Names that are left out, each with that of the recording it is a copy of.
 fn left_out(recordings: &[&Recording]) -> Vec<(String, String)> {
     let mut copies = Copies::default();
-    let taken = recordings.iter().flat_map(|recording| match copies.take(Fingerprint::of(recording)) {
+    let taken = recordings.iter().flat_map(|recording| match copies.take(Fingerprint::of(recording)).unwrap() {
         Taken::Kept(left_out) => left_out,
         Taken::LeftOut(copy) => vec![copy],
     });
@@ -44,6 +44,11 @@ fn the_same_rows_under_another_name_are_a_copy_however_they_are_sorted() {
     let mut rounded = traffic();
     rounded.iter_mut().for_each(|row| row.y = (row.y * 100.).round() / 100. + 0.004);
     assert_eq!(left_out(&[&a, &recording("c", &rounded)]), pair("c", "a"));
+    // One name, other rows.
+    let mut copies = Copies::default();
+    copies.take(Fingerprint::of(&a)).unwrap();
+    let other = copies.take(Fingerprint::of(&recording("a", &rows(&[(1, 1, 0.)], 0..8)))).unwrap_err();
+    assert!(matches!(&other, DataError::DuplicateRecording { recording } if recording == "a"), "{other}");
     // Too short for a sample: told by all rows together.
     let short = |name| recording(name, &rows(&[(1, 1, 0.)], 0..8));
     assert_eq!(left_out(&[&short("a"), &short("b")]), pair("b", "a"));

@@ -3,7 +3,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::activation::{sigmoid, tanh};
+use super::activation::{fuses, mul_add, sigmoid_of, tanh_of};
 use super::aligned::LINE;
 use super::matmul::{Rows, RowsMut};
 
@@ -28,6 +28,13 @@ impl WithSimd for LstmStep<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        if fuses::<S>() { self.run::<true>() } else { self.run::<false>() }
+    }
+}
+
+impl LstmStep<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
         let n = self.hidden;
         for (row, gates) in self.gates.chunks_exact_mut(4 * n).enumerate() {
             let cell = &mut self.cell[n * row..][..n];
@@ -36,12 +43,12 @@ impl WithSimd for LstmStep<'_> {
                 let [mut i, mut f, mut g, mut o] = [0, 1, 2, 3].map(|gate| line(gates, gate * n + j));
                 let (mut c, mut y) = (line(cell, j), [0.; LINE]);
                 for l in 0..LINE {
-                    i[l] = sigmoid(i[l]);
-                    f[l] = sigmoid(f[l]);
-                    g[l] = tanh(g[l]);
-                    o[l] = sigmoid(o[l]);
-                    c[l] = f[l] * c[l] + i[l] * g[l];
-                    y[l] = o[l] * tanh(c[l]);
+                    i[l] = sigmoid_of::<FUSED>(i[l]);
+                    f[l] = sigmoid_of::<FUSED>(f[l]);
+                    g[l] = tanh_of::<FUSED>(g[l]);
+                    o[l] = sigmoid_of::<FUSED>(o[l]);
+                    c[l] = mul_add::<FUSED>(f[l], c[l], i[l] * g[l]);
+                    y[l] = o[l] * tanh_of::<FUSED>(c[l]);
                 }
                 for (gate, values) in [i, f, g, o].iter().enumerate() {
                     gates[gate * n + j..][..LINE].copy_from_slice(values);
@@ -84,6 +91,13 @@ impl WithSimd for LstmAdjoint<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        if fuses::<S>() { self.run::<true>() } else { self.run::<false>() }
+    }
+}
+
+impl LstmAdjoint<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
         let n = self.hidden;
         for (row, gates) in self.gates.chunks_exact_mut(4 * n).enumerate() {
             let (before, after) = (&self.before[n * row..][..n], &self.after[n * row..][..n]);
@@ -93,8 +107,8 @@ impl WithSimd for LstmAdjoint<'_> {
                 let [mut i, mut f, mut g, mut o] = [0, 1, 2, 3].map(|gate| line(gates, gate * n + j));
                 let (before, after, dh, mut dc) = (line(before, j), line(after, j), line(dh, j), line(dcell, j));
                 for l in 0..LINE {
-                    let bent = tanh(after[l]);
-                    let d = dc[l] + dh[l] * o[l] * (1. - bent * bent);
+                    let bent = tanh_of::<FUSED>(after[l]);
+                    let d = mul_add::<FUSED>(dh[l] * o[l], 1. - bent * bent, dc[l]);
                     dc[l] = d * f[l];
                     o[l] = dh[l] * bent * o[l] * (1. - o[l]);
                     f[l] = d * before[l] * f[l] * (1. - f[l]);

@@ -6,6 +6,8 @@
 //! of columns, whose sums stay in registers. Each value is one chain of multiply-adds in the order of the
 //! depth, so that neither packing nor tiling reaches it.
 
+use std::ops::Range;
+
 use pulp::{Arch, Simd, WithSimd};
 
 use super::aligned::Aligned;
@@ -142,12 +144,36 @@ pub fn matmul_transposed(sizes: [usize; 3], a: Rows<'_>, b: Rows<'_>, start: Sta
     Arch::new().dispatch(Product::<true> { sizes, a: Matrix::Rows(a), b: Matrix::Rows(b), start, relu: false, c });
 }
 
-/// `sum[o, i] += dy[t, o] * x[t, i]` and `bias[o] += dy[t, o]` over the `count` rows `t`: the gradients of
-/// an affine map, from those of what it gave and from what it took.
+/// The same rows of several blocks of rows on end, block by block.
+#[derive(Clone, Debug)]
+pub struct Picked {
+    /// Which rows of a block.
+    pub rows: Range<usize>,
+    /// Rows of a block.
+    pub of: usize,
+    /// Number of blocks.
+    pub blocks: usize,
+}
+
+impl Picked {
+    /// Number of rows in all.
+    fn count(&self) -> usize {
+        self.rows.len() * self.blocks
+    }
+
+    /// Where row `t` of those that are picked lies.
+    #[inline(always)]
+    fn place(&self, t: usize) -> usize {
+        t / self.rows.len() * self.of + self.rows.start + t % self.rows.len()
+    }
+}
+
+/// `sum[o, i] += dy[t, o] * x[t, i]` and `bias[o] += dy[t, o]` over the rows `t` that are `picked`: the gradients
+/// of an affine map, from those of what it gave and from what it took.
 ///
 /// `sum` is `[outputs, inputs]`, `bias` `[outputs]`; `scratch` is overwritten.
 pub fn outer_sum(
-    count: usize,
+    picked: &Picked,
     dy: Rows<'_>,
     x: Rows<'_>,
     sum: &mut [f32],
@@ -155,7 +181,7 @@ pub fn outer_sum(
     inputs: usize,
     scratch: &mut Scratch,
 ) {
-    Arch::new().dispatch(OuterSum { count, dy, x, sum, bias, inputs, scratch });
+    Arch::new().dispatch(OuterSum { picked, dy, x, sum, bias, inputs, scratch });
 }
 
 /// Packed rows of one [`outer_sum`] at a time.
@@ -181,7 +207,7 @@ fn panel_width() -> usize {
 /// Rows of a tile: as many as leave registers for two vectors of `b` and one value of `a`.
 #[inline(always)]
 fn tile_rows<S: Simd>() -> usize {
-    if size_of::<S::f32s>() == 64 { 8 } else { 6 }
+    if size_of::<S::f32s>() == 64 { 12 } else { 6 }
 }
 
 /// An operand as it lies or packed.
@@ -240,8 +266,15 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
     fn strip<S: Simd, const V: usize, const WHOLE: bool>(&mut self, simd: S, column: usize) {
         let mut row = 0;
         while row < self.sizes[0] {
-            let rows = tile_rows::<S>().min(self.sizes[0] - row);
+            let (most, left) = (tile_rows::<S>(), self.sizes[0] - row);
+            // Two tiles alike rather than a full one and one of a row or two; packed rows have the tiles they have.
+            let halved = !TRANSPOSED && left > most && left < most + most / 3;
+            let rows = if halved { left.div_ceil(2) } else { most.min(left) };
             match rows {
+                12 => self.tile::<S, 12, V, WHOLE>(simd, row, column),
+                11 => self.tile::<S, 11, V, WHOLE>(simd, row, column),
+                10 => self.tile::<S, 10, V, WHOLE>(simd, row, column),
+                9 => self.tile::<S, 9, V, WHOLE>(simd, row, column),
                 8 => self.tile::<S, 8, V, WHOLE>(simd, row, column),
                 7 => self.tile::<S, 7, V, WHOLE>(simd, row, column),
                 6 => self.tile::<S, 6, V, WHOLE>(simd, row, column),
@@ -295,21 +328,26 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
                 }
             }
         }
-        for r in 0..R {
-            let c = &mut self.c.data[place(r)..][..width];
-            if let Start::Add = self.start {
-                let before = load::<S, V, WHOLE>(simd, c);
+        // Three loops, each small enough to be unrolled: else the sums would be indexed in memory, above, too.
+        if let Start::Add = self.start {
+            for r in 0..R {
+                let before = load::<S, V, WHOLE>(simd, &self.c.data[place(r)..][..width]);
                 for v in 0..V {
                     sums[r][v] = simd.add_f32s(before[v], sums[r][v]);
                 }
             }
-            if self.relu {
+        }
+        if self.relu {
+            for r in 0..R {
                 for v in 0..V {
                     // `max` would turn NaN into 0 and hide that a weight has gone bad.
                     let negative = simd.less_than_f32s(sums[r][v], zero);
                     sums[r][v] = simd.select_f32s(negative, zero, sums[r][v]);
                 }
             }
+        }
+        for r in 0..R {
+            let c = &mut self.c.data[place(r)..][..width];
             if WHOLE {
                 let c = S::as_mut_simd_f32s(c).0;
                 for v in 0..V {
@@ -342,7 +380,7 @@ fn accumulate<S: Simd, const V: usize>(simd: S, sums: &mut [S::f32s; V], a: f32,
 }
 
 struct OuterSum<'a> {
-    count: usize,
+    picked: &'a Picked,
     dy: Rows<'a>,
     x: Rows<'a>,
     sum: &'a mut [f32],
@@ -356,23 +394,23 @@ impl WithSimd for OuterSum<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { count, dy, x, sum, bias, inputs, scratch } = self;
-        let (outputs, panel) = (bias.len(), 2 * S::F32_LANES);
-        for first in (0..count).step_by(BLOCK) {
-            let count = BLOCK.min(count - first);
+        let Self { picked, dy, x, sum, bias, inputs, scratch } = self;
+        let (outputs, panel, all) = (bias.len(), 2 * S::F32_LANES, picked.count());
+        for first in (0..all).step_by(BLOCK) {
+            let count = BLOCK.min(all - first);
             for t in 0..count {
-                let dy = &dy.data[(first + t) * dy.stride..][..outputs];
+                let dy = &dy.data[picked.place(first + t) * dy.stride..][..outputs];
                 for (bias, &dy) in bias.iter_mut().zip(dy) {
                     *bias += dy;
                 }
             }
             scratch.dy.fill(tile_rows::<S>(), count, outputs, |t, from, part| {
-                part.copy_from_slice(&dy.data[(first + t) * dy.stride + from..][..part.len()]);
+                part.copy_from_slice(&dy.data[picked.place(first + t) * dy.stride + from..][..part.len()]);
             });
             for column in (0..inputs).step_by(panel) {
                 let width = panel.min(inputs - column);
                 scratch.x.fill(panel, count, width, |t, _, part| {
-                    part.copy_from_slice(&x.data[(first + t) * x.stride + column..][..part.len()]);
+                    part.copy_from_slice(&x.data[picked.place(first + t) * x.stride + column..][..part.len()]);
                 });
                 simd.vectorize(Product::<true> {
                     sizes: [outputs, count, width],
@@ -506,28 +544,37 @@ mod tests {
     }
 
     #[test]
-    fn gradients_add_up_over_more_rows_than_a_block() {
-        let (inputs, outputs, count) = (48, 32, BLOCK + 5);
-        let (x, dy) = (values(count * inputs, 4), values(count * outputs, 5));
-        let before = values(outputs * inputs, 6);
-        let term = |at: usize, t: usize| dy[t * outputs + at / inputs] * x[t * inputs + at % inputs];
-        let wanted: Vec<f32> =
-            (0..outputs * inputs).map(|at| before[at] + (0..count).map(|t| term(at, t)).sum::<f32>()).collect();
-        let wanted_bias: Vec<f32> =
-            (0..outputs).map(|o| (0..count).map(|t| dy[t * outputs + o]).sum::<f32>()).collect();
-        for on in [Width::Widest, Width::One] {
-            let (mut sum, mut bias) = (before.clone(), vec![0.; outputs]);
-            on.run(OuterSum {
-                count,
-                dy: Rows::new(&dy, outputs),
-                x: Rows::new(&x, inputs),
-                sum: &mut sum,
-                bias: &mut bias,
-                inputs,
-                scratch: &mut Scratch::default(),
-            });
-            assert_close(&sum, &wanted);
-            assert_close(&bias, &wanted_bias);
+    fn gradients_add_up_over_the_rows_that_are_picked_and_more_than_a_block_of_them() {
+        let (inputs, outputs) = (48, 32);
+        let whole = Picked { rows: 0..BLOCK + 5, of: BLOCK + 5, blocks: 1 };
+        let some = Picked { rows: 3..10, of: 11, blocks: BLOCK / 7 + 2 };
+        for picked in [whole, some, Picked { rows: 4..4, of: 9, blocks: 3 }] {
+            let rows: Vec<usize> = (0..picked.blocks)
+                .flat_map(|block| picked.rows.clone().map(move |row| (block, row)))
+                .map(|(block, row)| block * picked.of + row)
+                .collect();
+            let count = picked.of * picked.blocks;
+            let (x, dy) = (values(count * inputs, 4), values(count * outputs, 5));
+            let before = values(outputs * inputs, 6);
+            let term = |at: usize, t: usize| dy[t * outputs + at / inputs] * x[t * inputs + at % inputs];
+            let wanted: Vec<f32> =
+                (0..outputs * inputs).map(|at| before[at] + rows.iter().map(|t| term(at, *t)).sum::<f32>()).collect();
+            let wanted_bias: Vec<f32> =
+                (0..outputs).map(|o| rows.iter().map(|t| dy[t * outputs + o]).sum::<f32>()).collect();
+            for on in [Width::Widest, Width::One] {
+                let (mut sum, mut bias) = (before.clone(), vec![0.; outputs]);
+                on.run(OuterSum {
+                    picked: &picked,
+                    dy: Rows::new(&dy, outputs),
+                    x: Rows::new(&x, inputs),
+                    sum: &mut sum,
+                    bias: &mut bias,
+                    inputs,
+                    scratch: &mut Scratch::default(),
+                });
+                assert_close(&sum, &wanted);
+                assert_close(&bias, &wanted_bias);
+            }
         }
     }
 

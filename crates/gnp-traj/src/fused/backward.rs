@@ -5,6 +5,7 @@ use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, TermVjp, Vehicl
 use gnp_nn::kernels::{Aligned, LINE, Rows, RowsMut, Scratch};
 
 use super::batch::{Chunk, Pair};
+use super::cuts::Cuts;
 use super::forward::{Learned, Tape, line_features, neighbour_features, state_of, trained};
 use super::head::HeadAdjoint;
 use super::history_encoder::HistoryAdjoint;
@@ -70,6 +71,11 @@ struct Back<'a, 'b> {
     dfeatures: Aligned,
     dscaled: Aligned,
     scratch: Scratch,
+    /// Groups of windows, rows, occupied neighbour slots and pairs with lines.
+    windows: Cuts,
+    rows: Cuts,
+    occupied: Cuts,
+    line_pairs: Cuts,
     /// Width of a latent.
     width: usize,
 }
@@ -79,7 +85,14 @@ impl<'a, 'b> Back<'a, 'b> {
         let (rows, width, phase) = (chunk.rows(), net.history_encoders[0].out.outputs(), chunk.batch.phase);
         let (neighbours, lines) = chunk.learned_pairs();
         let most = chunk.neighbours.occupied.len().max(lines);
-        let history_encoder = |i: usize| tape.future[i].as_ref().filter(|_| trained(phase, i)).map(HistoryAdjoint::new);
+        let gather = chunk.batch.gather;
+        let [windows, all] = chunk.cuts();
+        let [occupied, pairs] = chunk.cuts_of(&chunk.neighbours);
+        let [_, line_pairs] = chunk.cuts_of(&chunk.lines);
+        let history_encoder = |i: usize| {
+            let tape = tape.future[i].as_ref().filter(|_| trained(phase, i));
+            tape.map(|tape| HistoryAdjoint::new(tape, all.clone(), gather.rows))
+        };
         Self {
             chunk,
             net,
@@ -89,9 +102,9 @@ impl<'a, 'b> Back<'a, 'b> {
             dk: vec![0.; neighbours],
             dk_line: vec![0.; lines],
             history_encoders: [0, 1].map(history_encoder),
-            tau: trained(phase, 0).then(|| HeadAdjoint::new(&net.tau, &tape.tau)),
-            k: tape.k.as_ref().map(|k| HeadAdjoint::new(&net.k, k)),
-            k_line: tape.k_line.as_ref().map(|k| HeadAdjoint::new(&net.k_line, k)),
+            tau: trained(phase, 0).then(|| HeadAdjoint::new(&net.tau, &tape.tau, all.clone(), gather.rows)),
+            k: tape.k.as_ref().map(|k| HeadAdjoint::new(&net.k, k, pairs, gather.neighbours)),
+            k_line: tape.k_line.as_ref().map(|k| HeadAdjoint::new(&net.k_line, k, line_pairs.clone(), gather.lines)),
             encoders: [&net.enc_nei, &net.enc_line].map(|layers| Workspace::adjoint(layers, 2 * BLOCK)),
             dgoal: Aligned::zeros(rows * width),
             dlatent: Aligned::zeros(rows * width),
@@ -100,6 +113,10 @@ impl<'a, 'b> Back<'a, 'b> {
             dfeatures: Aligned::zeros(lines * LINE),
             dscaled: Aligned::zeros(rows * LINE),
             scratch: Scratch::default(),
+            windows,
+            rows: all,
+            occupied,
+            line_pairs,
             width,
         }
     }
@@ -247,7 +264,7 @@ impl<'a, 'b> Back<'a, 'b> {
         let (features, dlatents) =
             (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dlatents, stride: width });
         let (work, sums) = (&mut self.encoders[0], &mut gradient.enc_nei);
-        mlp::adjoint_alone(&net.enc_nei, work, occupied, features, dlatents, None, sums, &mut self.scratch);
+        mlp::adjoint_alone(&net.enc_nei, work, &self.occupied, features, dlatents, None, sums, &mut self.scratch);
     }
 
     /// Undoes the head and the encoder of lines.
@@ -269,7 +286,7 @@ impl<'a, 'b> Back<'a, 'b> {
         mlp::adjoint_alone(
             &net.enc_line,
             work,
-            pairs.len(),
+            &self.line_pairs,
             features,
             dlatents,
             Some(dfeatures),
@@ -289,7 +306,8 @@ impl<'a, 'b> Back<'a, 'b> {
         let mut dstates = Aligned::zeros(if inputs { chunk.count() * LINE } else { 0 });
         for (i, history_encoder) in self.history_encoders.into_iter().enumerate() {
             let (Some(history_encoder), Some(history)) = (history_encoder, &mut tape.history[i]) else { continue };
-            let mut history_encoder = history_encoder.into_history(history, goals);
+            let cuts = self.windows.clone();
+            let mut history_encoder = history_encoder.into_history(history, goals, cuts, batch.gather.windows);
             for step in (0..batch.seen()).rev() {
                 let (steps, gradient) = ((step, batch.seen()), &mut gradient.history_encoders[i]);
                 let wanted = inputs.then_some(RowsMut { data: &mut dstates, stride: LINE });
@@ -318,7 +336,7 @@ impl<'a, 'b> Back<'a, 'b> {
             let mut dfeatures = Aligned::zeros(if inputs { rows * LINE } else { 0 });
             let wanted = inputs.then_some(RowsMut { data: &mut dfeatures, stride: LINE });
             let sums = &mut gradient.enc_goal;
-            mlp::adjoint_alone(&net.enc_goal, &mut work, rows, goals, dgoal, wanted, sums, &mut self.scratch);
+            mlp::adjoint_alone(&net.enc_goal, &mut work, &self.rows, goals, dgoal, wanted, sums, &mut self.scratch);
             if let Some(dinputs) = &mut dinputs {
                 for (dgoal, d) in dinputs.goals.chunks_exact_mut(2).zip(dfeatures.chunks_exact(LINE)) {
                     add_scaled(dgoal, d, batch.scale);

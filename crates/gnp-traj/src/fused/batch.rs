@@ -6,15 +6,20 @@ use std::sync::Arc;
 use candle_core::{DType, Result, Tensor};
 use gnp_force::{Arity, Source, TermDescriptor};
 
+use super::cuts::{Cuts, GROUP};
 use super::layout::{HistoryEncoder, Net, Packed};
 use crate::network::{SocialForce, Terms};
 use crate::roll_out::Sizes;
 use crate::terms::source;
 use crate::{Integrator, NeighbourStates, Phase, RollOutBatch};
 
-/// Windows that one thread carries through all steps. A fixed number, so that sums come in the same
-/// order on any number of threads; 8 to 32 take the same time within a few per cent.
-const WINDOWS: usize = 16;
+/// Rows that one thread carries through all steps, at most: as many as use a weight often once it is fetched
+/// (weights of the published size, 5 MB, come from the third cache at every step), and leave their own values near.
+const ROWS: usize = 96;
+
+/// Rows whose weight gradients are summed at once, at least: fewer would fetch the sums from memory for
+/// too little work.
+const GATHER: usize = 192;
 
 /// The whole batch.
 #[derive(Debug)]
@@ -39,6 +44,35 @@ pub(crate) struct Batch {
     present: Vec<bool>,
     lines: Vec<f32>,
     line_present: Vec<bool>,
+    pub(crate) gather: Gather,
+}
+
+/// Steps whose weight gradients are summed at once: of windows, of rows, and of pairs with neighbours and with lines.
+/// The largest group of the batch decides, so that it does not matter which groups a thread takes together.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Gather {
+    pub(crate) windows: usize,
+    pub(crate) rows: usize,
+    pub(crate) neighbours: usize,
+    pub(crate) lines: usize,
+}
+
+impl Gather {
+    fn new(sizes: Sizes, present: &[bool], line_present: &[bool]) -> Self {
+        let steps = |rows: usize| GATHER.div_ceil(rows.max(1));
+        let pairs = |present: &[bool], slots: usize| {
+            let groups = present.chunks(GROUP * slots.max(1));
+            let largest = groups.map(|group| group.iter().filter(|there| **there).count()).max();
+            steps(largest.unwrap_or_default() * sizes.goals)
+        };
+        let windows = sizes.batch.min(GROUP);
+        Self {
+            windows: steps(windows),
+            rows: steps(windows * sizes.goals),
+            neighbours: pairs(present, sizes.slots),
+            lines: pairs(line_present, sizes.lines),
+        }
+    }
 }
 
 impl Batch {
@@ -71,6 +105,7 @@ impl Batch {
             integrator: cfg.integrator,
             terms: network.terms.clone(),
             scale: [position, position, velocity, velocity],
+            gather: Gather::new(sizes, &present, &line_present),
             observed: values(&batch.observed)?,
             goals: values(&batch.goals)?,
             states,
@@ -80,10 +115,17 @@ impl Batch {
         })
     }
 
-    /// The windows in chunks.
-    pub(crate) fn chunks(&self) -> Vec<Chunk<'_>> {
-        let starts = (0..self.sizes.batch).step_by(WINDOWS);
-        starts.map(|start| Chunk::new(self, start..(start + WINDOWS).min(self.sizes.batch))).collect()
+    /// The windows in chunks for so many threads; chunks of whole groups, if gradients are to be summed. What comes
+    /// out of a window does not depend on the others of its chunk, and gradients are summed by group.
+    pub(crate) fn chunks(&self, threads: usize, in_groups: bool) -> Vec<Chunk<'_>> {
+        let Sizes { batch, goals, .. } = self.sizes;
+        let unit = if in_groups { GROUP } else { 1 };
+        let units = batch.div_ceil(unit);
+        let most = (ROWS / (unit * goals.max(1))).max(1);
+        // A multiple of the threads, so that none waits for another's last chunk.
+        let chunks = units.div_ceil(most).next_multiple_of(threads.max(1));
+        let each = unit * units.div_ceil(chunks).max(1);
+        (0..batch).step_by(each).map(|start| Chunk::new(self, start..(start + each).min(batch))).collect()
     }
 
     /// Times the networks run during the roll-out.
@@ -91,15 +133,15 @@ impl Batch {
         self.steps.div_ceil(self.period)
     }
 
-    /// About how many values the tape of a full chunk holds, were all slots occupied.
-    pub(crate) fn tape_values(&self, net: &Net<Packed>) -> usize {
+    /// About how many values a tape holds for each window, were all slots occupied.
+    pub(crate) fn tape_values_a_window(&self, net: &Net<Packed>) -> usize {
         let history_encoder =
             |history_encoder: &HistoryEncoder<Packed>| 2 * history_encoder.cell.inputs + history_encoder.cell.outputs();
         let head = |layers: &[Packed]| layers.iter().skip(1).map(|layer| layer.inputs).sum::<usize>();
         let Sizes { goals, slots, lines, .. } = self.sizes;
         let history_encoders: usize = net.history_encoders.iter().map(history_encoder).sum();
         let heads = head(&net.tau) + slots * head(&net.k) + lines * head(&net.k_line);
-        WINDOWS * (self.seen() * history_encoders + goals * self.runs() * (history_encoders + heads))
+        self.seen() * history_encoders + goals * self.runs() * (history_encoders + heads)
     }
 
     /// The terms that act and how many sources each has, in the order in which they are added up.
@@ -175,6 +217,24 @@ impl<'a> Chunk<'a> {
         let Sizes { k, k_line, .. } = self.batch.sizes;
         let count = |acts: bool, slots: &ActiveSlots| if acts { slots.pairs.len() } else { 0 };
         (count(k, &self.neighbours), count(k_line, &self.lines))
+    }
+
+    /// Number of groups.
+    pub(crate) fn groups(&self) -> usize {
+        self.count().div_ceil(GROUP)
+    }
+
+    /// Where groups begin among the windows, and among the rows.
+    pub(crate) fn cuts(&self) -> [Cuts; 2] {
+        [1, self.batch.sizes.goals].map(|each| Cuts::of_windows(self.count(), each))
+    }
+
+    /// Where groups begin among occupied slots, and among their pairs with rows.
+    pub(crate) fn cuts_of(&self, slots: &ActiveSlots) -> [Cuts; 2] {
+        let goals = self.batch.sizes.goals.max(1);
+        let occupied = slots.occupied.iter().map(|(window, _)| *window);
+        let pairs = slots.pairs.iter().map(|(row, _)| row / goals);
+        [Cuts::of_entries(self.count(), occupied), Cuts::of_entries(self.count(), pairs)]
     }
 
     /// Number of windows.

@@ -2,7 +2,7 @@
 
 use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut, Scratch, Start, product, sigmoid};
 
-use super::history_encoder::GATHER;
+use super::cuts::Cuts;
 use super::layout::{Gradient, Packed};
 use super::mlp::{self, BLOCK, Workspace};
 use super::trace::Trace;
@@ -111,16 +111,18 @@ impl HeadWork {
 pub(crate) struct HeadAdjoint {
     /// Runs whose weight gradients are summed at once.
     gather: usize,
+    cuts: Cuts,
     work: Workspace,
     /// Of the input of the latest run, `[rows, inputs]`.
     pub(crate) dinput: Aligned,
 }
 
 impl HeadAdjoint {
-    pub(crate) fn new(layers: &[Packed], tape: &HeadTape) -> Self {
-        let gather = GATHER.div_ceil(tape.rows.max(1));
+    /// For rows that are cut into groups by `cuts`; the weight gradients of `gather` runs are summed at once.
+    pub(crate) fn new(layers: &[Packed], tape: &HeadTape, cuts: Cuts, gather: usize) -> Self {
         Self {
             gather,
+            cuts,
             work: Workspace::adjoint(layers, gather * tape.rows),
             dinput: Aligned::zeros(tape.rows * layers.first().map_or(0, |layer| layer.inputs)),
         }
@@ -149,7 +151,7 @@ impl HeadAdjoint {
             let count = self.gather.min(runs - run);
             let x = Rows { data: tape.input.span(run, count), stride };
             let kept = tape.kept(layers, run, count);
-            mlp::add_gradients(layers, &self.work, count * tape.rows, x, &kept, gradients, scratch);
+            mlp::add_gradients(layers, &self.work, count, &self.cuts, x, &kept, gradients, scratch);
         }
     }
 }

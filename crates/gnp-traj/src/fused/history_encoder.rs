@@ -2,12 +2,9 @@
 
 use gnp_nn::kernels::{Aligned, Pool, Rows, RowsMut, Scratch, Start, lstm, lstm_adjoint, product, relu_adjoint};
 
+use super::cuts::Cuts;
 use super::layout::{Gradient, HistoryEncoder, Packed};
 use super::trace::Trace;
-
-/// Rows whose weight gradients are summed at once, at least: fewer would fetch the sums from memory for
-/// too little work.
-pub(crate) const GATHER: usize = 192;
 
 /// What an LSTM leaves behind on its way through some steps.
 #[derive(Debug)]
@@ -101,6 +98,8 @@ impl HistoryTape {
 pub(crate) struct HistoryAdjoint {
     /// Steps whose weight gradients are summed at once.
     gather: usize,
+    /// Of the rows of a step.
+    cuts: Cuts,
     /// Of the output and the cell after the step to undo next, `[rows, hidden]`.
     dh: Aligned,
     dcell: Aligned,
@@ -111,11 +110,12 @@ pub(crate) struct HistoryAdjoint {
 }
 
 impl HistoryAdjoint {
-    pub(crate) fn new(tape: &HistoryTape) -> Self {
+    /// For rows that are cut into groups by `cuts`; the weight gradients of `gather` steps are summed at once.
+    pub(crate) fn new(tape: &HistoryTape, cuts: Cuts, gather: usize) -> Self {
         let (embedding, hidden) = tape.widths;
-        let gather = GATHER.div_ceil(tape.rows);
         Self {
             gather,
+            cuts,
             dh: Aligned::zeros(tape.rows * hidden),
             dcell: Aligned::zeros(tape.rows * hidden),
             dinput: Aligned::zeros(tape.rows * (embedding + hidden)),
@@ -135,7 +135,7 @@ impl HistoryAdjoint {
     ) {
         let dh = RowsMut { data: &mut self.dh, stride: tape.widths.1 };
         product(tape.rows, dlatent, &history_encoder.out.backward, Start::Sum, false, dh);
-        gradient.out.add(tape.rows, dlatent, tape.output(steps), scratch);
+        gradient.out.add(1, &self.cuts, dlatent, tape.output(steps), scratch);
     }
 
     /// Undoes step `step` of `steps`; `states` is the trace of scaled states that were taken in, and
@@ -174,17 +174,17 @@ impl HistoryAdjoint {
             let count = self.gather.min(steps - step);
             let dgates = Rows { data: tape.gates.span(step, count), stride: 4 * hidden };
             let input = Rows { data: tape.input.span(step, count), stride };
-            gradient.cell.add(count * rows, dgates, input, scratch);
+            gradient.cell.add(count, &self.cuts, dgates, input, scratch);
             let demb = Rows { data: &self.demb, stride: embedding };
             let states = Rows { data: states.span(step, count), stride: history_encoder.emb.inputs };
-            gradient.emb.add(count * rows, demb, states, scratch);
+            gradient.emb.add(count, &self.cuts, demb, states, scratch);
         }
     }
 
     /// Goes over from the roll-out to the history it started from: rows of one window add up.
-    pub(crate) fn into_history(self, history: &HistoryTape, goals: usize) -> Self {
+    pub(crate) fn into_history(self, history: &HistoryTape, goals: usize, cuts: Cuts, gather: usize) -> Self {
         let hidden = history.widths.1;
-        let mut adjoint = Self::new(history);
+        let mut adjoint = Self::new(history, cuts, gather);
         for (sum, from) in [(&mut adjoint.dh, &self.dh), (&mut adjoint.dcell, &self.dcell)] {
             for (row, from) in from.chunks_exact(hidden).enumerate() {
                 for (sum, from) in sum[row / goals * hidden..][..hidden].iter_mut().zip(from) {

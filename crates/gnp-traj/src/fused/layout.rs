@@ -3,8 +3,9 @@
 use std::convert::Infallible;
 use std::ops::Range;
 
-use gnp_nn::kernels::{Panels, Rows, Scratch, outer_sum, padded};
+use gnp_nn::kernels::{Panels, Picked, Rows, Scratch, outer_sum, padded};
 
+use super::cuts::Cuts;
 use crate::weights::Builder;
 use crate::{Phase, TrajConfig};
 
@@ -114,36 +115,47 @@ impl Packed {
     }
 }
 
-/// The gradient of one map, padded.
+/// The gradient of one map, padded, of each group of a chunk by itself.
 #[derive(Debug)]
 pub(crate) struct Gradient {
+    /// `[groups, outputs, inputs]`
     weight: Vec<f32>,
+    /// `[groups, outputs]`
     bias: Vec<f32>,
     inputs: usize,
+    outputs: usize,
 }
 
 impl Gradient {
-    pub(crate) fn zeros(dense: &Dense) -> Self {
+    pub(crate) fn zeros(dense: &Dense, groups: usize) -> Self {
         let (inputs, outputs) = (dense.inputs(), dense.outputs());
-        Self { weight: vec![0.; inputs * outputs], bias: vec![0.; outputs], inputs }
+        let (weight, bias) = (vec![0.; groups * inputs * outputs], vec![0.; groups * outputs]);
+        Self { weight, bias, inputs, outputs }
     }
 
-    /// Adds what `count` rows of output gradients `dy` and inputs `x` contribute.
-    pub(crate) fn add(&mut self, count: usize, dy: Rows<'_>, x: Rows<'_>, scratch: &mut Scratch) {
-        outer_sum(count, dy, x, &mut self.weight, &mut self.bias, self.inputs, scratch);
+    /// Adds what output gradients `dy` and inputs `x` of `steps` steps contribute, whose rows are cut into groups by
+    /// `cuts`, `[steps, cuts.len()]`.
+    pub(crate) fn add(&mut self, steps: usize, cuts: &Cuts, dy: Rows<'_>, x: Rows<'_>, scratch: &mut Scratch) {
+        let Self { inputs, outputs, .. } = *self;
+        let sums = self.weight.chunks_exact_mut(outputs * inputs).zip(self.bias.chunks_exact_mut(outputs));
+        for (rows, (weight, bias)) in cuts.groups().zip(sums).filter(|(rows, _)| !rows.is_empty()) {
+            let picked = Picked { rows, of: cuts.len(), blocks: steps };
+            outer_sum(&picked, dy, x, weight, bias, inputs, scratch);
+        }
     }
 
-    /// Adds this gradient to the flat one.
+    /// Adds the gradients of the groups to the flat one, in their order.
     pub(crate) fn add_to(&self, dense: &Dense, flat: &mut [f32]) {
         let sum = |flat: &mut [f32], values: &[f32]| {
             for (flat, value) in flat.iter_mut().zip(values) {
                 *flat += value;
             }
         };
-        dense.stretches(|range, output, input| {
-            sum(&mut flat[range], &self.weight[output * self.inputs + input..]);
-        });
-        dense.bias_stretches(|range, output| sum(&mut flat[range], &self.bias[output..]));
+        let groups = self.weight.chunks_exact(self.outputs * self.inputs).zip(self.bias.chunks_exact(self.outputs));
+        for (weight, bias) in groups {
+            dense.stretches(|range, output, input| sum(&mut flat[range], &weight[output * self.inputs + input..]));
+            dense.bias_stretches(|range, output| sum(&mut flat[range], &bias[output..]));
+        }
     }
 }
 

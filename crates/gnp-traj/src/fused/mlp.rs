@@ -2,6 +2,7 @@
 
 use gnp_nn::kernels::{Aligned, Rows, RowsMut, Scratch, Start, product, relu_adjoint};
 
+use super::cuts::Cuts;
 use super::layout::{Gradient, Packed};
 
 /// Rows that go through all layers before the next ones do.
@@ -98,12 +99,14 @@ pub(crate) fn adjoint(
     }
 }
 
-/// Adds the weight gradients of the first `count` rows of `work`, whose inputs were `x` and whose kept
-/// values were `kept`.
+/// Adds the weight gradients of the first rows of `work`, `[steps, cuts.len()]`, whose inputs were `x` and whose
+/// kept values were `kept`.
+#[expect(clippy::too_many_arguments, reason = "one pass touches everything once")]
 pub(crate) fn add_gradients(
     layers: &[Packed],
     work: &Workspace,
-    count: usize,
+    steps: usize,
+    cuts: &Cuts,
     x: Rows<'_>,
     kept: &[Rows<'_>],
     gradients: &mut [Gradient],
@@ -115,29 +118,30 @@ pub(crate) fn add_gradients(
             i if i == 1 || kept.is_empty() => rows_of(&work.values[i - 1], layers, i - 1, 0),
             i => kept[i - 2],
         };
-        gradient.add(count, rows_of(&work.deltas[i], layers, i, 0), input, scratch);
+        gradient.add(steps, cuts, rows_of(&work.deltas[i], layers, i, 0), input, scratch);
     }
 }
 
-/// Gradients of the weights for result gradients `dy`, with all values computed again, in blocks.
+/// Gradients of the weights for result gradients `dy` of rows that are cut into groups by `cuts`, with all values
+/// computed again, in blocks.
 #[expect(clippy::too_many_arguments, reason = "one pass touches everything once")]
 pub(crate) fn adjoint_alone(
     layers: &[Packed],
     work: &mut Workspace,
-    count: usize,
+    cuts: &Cuts,
     x: Rows<'_>,
     dy: Rows<'_>,
     mut dx: Option<RowsMut<'_>>,
     gradients: &mut [Gradient],
     scratch: &mut Scratch,
 ) {
-    for first in (0..count).step_by(work.capacity) {
-        let rows = work.capacity.min(count - first);
+    for first in (0..cuts.len()).step_by(work.capacity) {
+        let rows = work.capacity.min(cuts.len() - first);
         let x = Rows { data: &x.data[first * x.stride..], stride: x.stride };
         let width = dy.stride;
         work.result_delta(layers, 0, rows).copy_from_slice(&dy.data[first * width..(first + rows) * width]);
         let dx = dx.as_mut().map(|dx| RowsMut { data: &mut dx.data[first * dx.stride..], stride: dx.stride });
         adjoint(layers, work, 0, rows, x, &[], dx);
-        add_gradients(layers, work, rows, x, &[], gradients, scratch);
+        add_gradients(layers, work, 1, &cuts.within(first..first + rows), x, &[], gradients, scratch);
     }
 }

@@ -233,15 +233,21 @@ fn the_reported_parts_are_those_of_the_graph() -> Outcome {
 }
 
 #[test]
-fn one_thread_and_two_give_the_same_bits() -> Outcome {
-    let scene = scene(100, 1, 16)?;
-    let on = |threads: usize| -> Outcome<_> {
-        let network = network(&small(), 7)?;
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-        pool.install(|| outcome(&network, Engine::Fused, &scene, Phase::Full).map_err(|e| e.to_string()))
-            .map_err(Into::into)
-    };
-    assert_eq!(on(1)?, on(2)?);
+fn any_number_of_threads_gives_the_same_bits() -> Outcome {
+    // Seven groups of windows: chunks of four, of three and of one.
+    for goals in [1, 2] {
+        let scene = scene(100, goals, 16)?;
+        let on = |threads: usize| -> Outcome<_> {
+            let network = network(&small(), 7)?;
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+            pool.install(|| outcome(&network, Engine::Fused, &scene, Phase::Full).map_err(|e| e.to_string()))
+                .map_err(Into::into)
+        };
+        let one = on(1)?;
+        for threads in [2, 3, 9] {
+            assert_eq!(on(threads)?, one, "{threads} threads, {goals} goals");
+        }
+    }
     Ok(())
 }
 

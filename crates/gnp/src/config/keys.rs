@@ -170,30 +170,14 @@ fn near<'a>(path: &str, known: &'a [String]) -> Vec<&'a str> {
     let mut ranked: Vec<(usize, &str)> = known
         .iter()
         .filter_map(|candidate| {
-            let whole = edits(path, candidate);
-            let end = edits(&last(path), &last(candidate));
+            let whole = strsim::levenshtein(path, candidate);
+            let end = strsim::levenshtein(&last(path), &last(candidate));
             let distance = whole.min(end + 1);
             (distance <= 1 + path.len() / 5).then_some((distance, candidate.as_str()))
         })
         .collect();
     ranked.sort_unstable();
     ranked.into_iter().take(4).map(|(_, candidate)| candidate).collect()
-}
-
-/// Insertions, deletions and replacements from `a` to `b` (Levenshtein).
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = i;
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }
 
 /// The first key, in the order of `old`, whose value differs, with both values.
@@ -285,12 +269,5 @@ mod tests {
         assert_eq!(first_difference(&table(), &new), None);
         new.insert("seed".into(), Value::Integer(2));
         assert_eq!(first_difference(&table(), &new), Some(("seed".into(), "1".into(), "2".into())));
-    }
-
-    #[test]
-    fn counts_edits() {
-        assert_eq!(edits("kitten", "sitting"), 3);
-        assert_eq!(edits("", "abc"), 3);
-        assert_eq!(edits("same", "same"), 0);
     }
 }

@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Instant;
 
-use crate::error::{Context as _, Result, bail};
+use crate::error::{Context as _, Result};
 use comfy_table::{CellAlignment, ContentArrangement, Table, TableComponent, presets};
 use gnp_data::{
     Copies, DataError, Expectation, Fingerprint, IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, LeftOut,
@@ -151,23 +151,16 @@ impl Kept {
         windows: RecordingDrops,
         folder: &Path,
     ) -> Result<Option<String>> {
-        let name = &recording.meta().name;
-        match self.copies.take(fingerprint) {
+        match self.copies.take(fingerprint)? {
             Taken::LeftOut(copy) => {
                 self.leave_out(copy, &quality);
                 return Ok(None);
             }
             Taken::Kept(copies) => copies.into_iter().try_for_each(|copy| self.forget(copy, folder))?,
         }
-        if self.recordings.iter().any(|earlier| earlier.quality.recording == *name) {
-            bail!(
-                Recordings,
-                "a second recording called {name}, and not the same; give one of their files another name"
-            );
-        }
         let frames = recording.tracks().iter().map(|track| track.rows.len()).max().unwrap_or(0);
         self.longest_s = self.longest_s.max(frames.saturating_sub(1) as f64 / recording.meta().rate_hz);
-        let file = format!("{RECORDINGS}/{:04}-{}.rec", self.files, plain(name));
+        let file = format!("{RECORDINGS}/{:04}-{}.rec", self.files, plain(&recording.meta().name));
         self.files += 1;
         self.recordings.push(RecordingReport { file: file.clone(), quality, windows });
         Ok(Some(file))

@@ -54,7 +54,7 @@ pub(crate) fn read_all(dataset: Dataset, data_dir: Option<&Path>, machine: &Mach
     for source in &found.sources {
         machine.stop.check()?;
         for (recording, _) in read(source, &expect)? {
-            let left_out = match copies.take(Fingerprint::of(&recording)) {
+            let left_out = match copies.take(Fingerprint::of(&recording))? {
                 Taken::LeftOut(copy) => vec![copy],
                 Taken::Kept(left_out) => {
                     recordings.retain(|earlier| left_out.iter().all(|copy| copy.recording != earlier.meta().name));

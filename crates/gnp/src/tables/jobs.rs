@@ -161,7 +161,7 @@ pub(super) fn named<'a>(id: &str, jobs: &'a [Job]) -> Result<&'a Job> {
     if let Some(job) = jobs.iter().find(|job| job.to_string() == id) {
         return Ok(job);
     }
-    match jobs.iter().min_by_key(|job| edits(id, &job.to_string())) {
+    match jobs.iter().min_by_key(|job| strsim::levenshtein(id, &job.to_string())) {
         Some(nearest) => bail!(
             Config,
             "there is no job {id}; the nearest is {nearest} (`gnp compare --plan --out DIR` lists all {})",
@@ -171,21 +171,6 @@ pub(super) fn named<'a>(id: &str, jobs: &'a [Job]) -> Result<&'a Job> {
     }
 }
 
-/// Characters to insert, remove or exchange to make one text of the other.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, from) in a.chars().enumerate() {
-        let mut next = vec![i + 1];
-        for ((to, pair), left) in b.iter().zip(row.windows(2)).zip(1..) {
-            let exchanged = pair[0] + usize::from(from != *to);
-            next.push(exchanged.min(pair[1] + 1).min(next[left - 1] + 1));
-        }
-        row = next;
-    }
-    row.last().copied().unwrap_or_default()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -193,13 +178,6 @@ mod tests {
     fn jobs() -> Vec<Job> {
         let of = |stem| (1..=2).flat_map(move |fold| (0..2).map(move |seed| Job { fold, stem, seed }));
         ["gnp", "cs_lstm", "cs_lstm_m"].into_iter().flat_map(of).collect()
-    }
-
-    #[test]
-    fn edits_are_counted() {
-        for (a, b, count) in [("", "", 0), ("", "ab", 2), ("ab", "", 2), ("gnp", "gpn", 2), ("kitten", "sitting", 3)] {
-            assert_eq!(edits(a, b), count, "{a} {b}");
-        }
     }
 
     #[test]
