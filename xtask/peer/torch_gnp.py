@@ -1,7 +1,7 @@
 """Both networks of GNP in PyTorch, written as one would write them there: the measure of the project's speed and numbers.
 
     python torch_gnp.py bench --threads 2           milliseconds per window at the published sizes, as one JSON line
-    python torch_gnp.py bench --device cuda         milliseconds per batch and MiB on a GPU, likewise
+    python torch_gnp.py bench --device cuda         milliseconds per batch and MiB on a GPU, a JSON line a case
     python torch_gnp.py golden OUT.safetensors      random weights, inputs, outputs and gradients of small networks
 
 `fixtures/golden.safetensors` was made by `golden`. Parameters have the names of the checkpoints.
@@ -10,6 +10,8 @@ import argparse
 import json
 import statistics
 import time
+
+BEGUN = time.perf_counter()
 
 import torch
 from torch import nn
@@ -233,20 +235,19 @@ def on_gpu(run, record, case_seconds):
 
 
 def bench_gpu(device, batches, record, case_seconds, seconds):
-    begun = time.perf_counter()
+    """Prints each case as a JSON line when it is measured, the first batches first."""
     torch.set_default_device(device)
     torch.set_float32_matmul_precision("highest")
     torch.backends.cudnn.allow_tf32 = False
     torch.manual_seed(0)
-    cells = {}
-    for windows in batches:
-        for name, (observed, predicted, modes, dt) in LENGTHS.items():
-            for kind, cases in (("traj", traj_cases(windows, observed, predicted, dt)), ("goal", goal_cases(windows, observed, predicted, modes))):
-                for key in ("forward", "train"):
-                    if time.perf_counter() - begun < seconds:
-                        cells[f"{name}.{kind}.{key}@{windows}"] = on_gpu(cases[key], record, case_seconds)
-                cases.clear()
-    print(json.dumps(cells))
+    for name, (observed, predicted, modes, dt) in LENGTHS.items():
+        for windows in batches:
+            for kind, cases in (("traj", lambda: traj_cases(windows, observed, predicted, dt)), ("goal", lambda: goal_cases(windows, observed, predicted, modes))):
+                runs = cases()
+                for key in ("train", "forward"):
+                    if time.perf_counter() - BEGUN < seconds:
+                        cell = on_gpu(runs[key], record, case_seconds)
+                        print(json.dumps({f"{name}.{kind}.{key}@{windows}": cell}), flush=True)
 
 
 def golden(path):
@@ -285,7 +286,7 @@ def main():
     timing.add_argument("--windows", type=int, default=64)
     timing.add_argument("--repeats", type=int, default=7)
     timing.add_argument("--device", default="cpu", help="with cuda: milliseconds per batch and MiB for each of --batches")
-    timing.add_argument("--batches", default="64,256,1024,4096", help="windows in a batch, with --device cuda")
+    timing.add_argument("--batches", default="64,1024,4096,256", help="windows in a batch, with --device cuda")
     timing.add_argument("--record", action="store_true", help="launch each case as one CUDA graph")
     timing.add_argument("--case-seconds", type=float, default=0.25, help="time for the repeats of a case, with --device cuda")
     timing.add_argument("--seconds", type=float, default=40, help="after which no case begins, with --device cuda")

@@ -41,7 +41,7 @@ pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
         return check(if args.quick { Profile::Quick } else { Profile::Full }, terminal);
     }
     if args.gpu {
-        return gpu::run(args.python.as_deref(), terminal);
+        return gpu::run(args.python.as_deref(), args.seconds, args.json, terminal);
     }
     let threads = args.threads.map_or(if args.frame { 1 } else { cores() }, usize::from);
     if std::env::var(THREADS).ok() != Some(threads.to_string()) {

@@ -127,8 +127,11 @@ pub(crate) struct BenchArgs {
     #[arg(long, group = "what")]
     pub(crate) against_torch: bool,
     /// Both networks on a GPU at several sizes of a batch beside PyTorch and JAX there; needs a build with `cuda`.
-    #[arg(long, group = "what", conflicts_with_all = ["threads", "json", "rounds", "windows"])]
+    #[arg(long, group = "what", conflicts_with_all = ["threads", "rounds", "windows"])]
     pub(crate) gpu: bool,
+    /// Time for everybody on the GPU together, in s; what it does not suffice for is not measured.
+    #[arg(long, value_name = "N", default_value_t = 150, requires = "gpu")]
+    pub(crate) seconds: u64,
     /// Python that has PyTorch and JAX, instead of an environment in target/peer-venv.
     #[arg(long, value_name = "PATH", conflicts_with_all = ["check", "frame"])]
     pub(crate) python: Option<PathBuf>,

@@ -200,7 +200,8 @@ impl GoalNet {
         }
         let Some(null_token) = &self.null_token else { return Ok((keys, mask.clone())) };
         let (batch, _, width) = keys.dims3()?;
-        let null_token = null_token.broadcast_as((batch, 1, width))?;
+        // Contiguous, or the whole would be put together transposed, which products on a GPU do not take.
+        let null_token = null_token.broadcast_as((batch, 1, width))?.contiguous()?;
         let always = Tensor::ones((batch, 1), mask.dtype(), mask.device())?;
         Ok((Tensor::cat(&[&keys, &null_token], 1)?, Tensor::cat(&[mask, &always], 1)?))
     }

@@ -90,7 +90,10 @@ pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes
             force = (force + push.sum(1)?)?;
             let (rows, count, _) = push.dims3()?;
             let varying = term.descriptor.parameters.iter().zip(&term.parameters).filter(|(known, _)| known.varies);
-            let held = varying.map(|(_, value)| Tensor::full(*value, (rows, count), p.device()));
+            let held = varying.map(|(_, value)| {
+                let held = Tensor::full(*value, (rows, count), p.device())?;
+                present.map_or(Ok(held.clone()), |present| held * present)
+            });
             record.add(&term.descriptor, push, held.collect::<Result<_>>()?);
         }
         let faster = (&v + (force * batch.dt)?)?;

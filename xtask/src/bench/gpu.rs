@@ -1,33 +1,41 @@
 //! Both networks on a GPU at several sizes of a batch, beside PyTorch and JAX on the same one.
 //!
 //! Everybody computes in f32 without TF32, after runs that do not count, and waits for the GPU before the clock stops.
-//! *Recorded* is the same work launched as one CUDA graph.
+//! *Recorded* is the same work launched as one CUDA graph. Programs run one after the other, each for its share of a time
+//! that is given; start, compilation and recording count. What matters most is measured first, and printed at once.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use candle_core::{Device, Tensor};
 use gnp::Progress as _;
 use gnp_cli::Terminal;
 use gnp_traj::Engine;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::clock::Sample;
 use super::networks::{Goal, HIGHD, Lengths, NGSIM, Traj};
 use super::peer::Python;
 use super::table;
 
-/// Windows in a batch.
-const WINDOWS: [usize; 4] = [64, 256, 1024, 4096];
+/// Windows in a batch, those that matter most first.
+const WINDOWS: [usize; 4] = [64, 1024, 4096, 256];
 /// A case is repeated until so much time has passed, but at least thrice.
-const CASE: Duration = Duration::from_millis(250);
-/// A program begins no further case after so many seconds.
-const PROGRAM: u64 = 40;
+const CASE: Duration = Duration::from_millis(200);
+/// A program that is over its time by more is ended.
+const GRACE: Duration = Duration::from_secs(4);
+
+/// Who is measured: the columns of the table, and the weight of each in sharing the time.
+const COLUMNS: [(&str, u32); 5] =
+    [("ours", 20), ("ours, recorded", 15), ("PyTorch", 25), ("PyTorch, recorded", 20), ("JAX", 20)];
+
+/// Takes what a case took, or why it failed.
+type Add<'a> = dyn FnMut(String, Result<Cell>) + 'a;
 
 /// What one case took.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
 struct Cell {
     /// Milliseconds for the whole batch; none where the memory did not suffice.
     ms: Option<f64>,
@@ -38,60 +46,94 @@ struct Cell {
 /// By `ngsim.traj.train` and windows in the batch, as in `ngsim.traj.train@64`.
 type Cells = BTreeMap<String, Cell>;
 
-/// Measures and prints one table.
+/// Measures within about `seconds` and prints one table, and the same as JSON where that is asked for.
 ///
 /// # Errors
-/// When there is no GPU for this build, or a network or a reference program fails for another reason than memory.
-pub(super) fn run(python: Option<&Path>, terminal: &Terminal) -> Result<()> {
+/// When there is no GPU for this build; after the table, when anybody failed for another reason than memory.
+pub(super) fn run(python: Option<&Path>, seconds: u64, json: bool, terminal: &Terminal) -> Result<()> {
+    let mut time =
+        Time { end: Instant::now() + Duration::from_secs(seconds), weights: COLUMNS.map(|(_, weight)| weight).into() };
     let device = Device::new_cuda(0).context(
         "bench --gpu needs an NVIDIA GPU and a build for it: `cargo run --package xtask --features cuda -- bench --gpu`",
     )?;
     let python = Python::find(python, terminal)?;
-    terminal.note("bench: ours on the GPU");
-    let [eager, recorded] = ours(&device, terminal)?;
-    let options = |more: &[&str]| -> Vec<String> {
-        let windows = WINDOWS.map(|windows| windows.to_string()).join(",");
-        let (case, program) = (CASE.as_secs_f64().to_string(), PROGRAM.to_string());
-        let common = ["--device", "cuda", "--batches", &windows, "--case-seconds", &case, "--seconds", &program];
-        more.iter().chain(&common).map(|option| (*option).to_owned()).collect()
-    };
-    terminal.note("bench: PyTorch on the GPU");
-    let torch: Cells = python.measure("torch_gnp.py", &options(&["bench"]))?;
-    terminal.note("bench: PyTorch on the GPU, recorded");
-    let torch_recorded: Cells = python.measure("torch_gnp.py", &options(&["bench", "--record"]))?;
-    terminal.note("bench: JAX on the GPU");
-    let jax: Cells = python.measure("jax_traj.py", &options(&[]))?;
-    let columns = [
-        ("ours", &eager),
-        ("ours, recorded", &recorded),
-        ("PyTorch", &torch),
-        ("PyTorch, recorded", &torch_recorded),
-        ("JAX", &jax),
-    ];
+    let mut results: [Cells; COLUMNS.len()] = Default::default();
+    let mut failed = Vec::new();
+    for ((name, _), cells) in COLUMNS.into_iter().zip(&mut results) {
+        let until = time.share();
+        terminal.note(&format!("bench: {name}, {:.0} s", (until - Instant::now()).as_secs_f64()));
+        let mut failures = 0;
+        let mut add = |key: String, cell: Result<Cell>| match cell {
+            Ok(cell) => {
+                terminal.note(&format!("bench: {name}, {key}: {}", text(&cell)));
+                cells.insert(key, cell);
+            }
+            Err(error) => {
+                terminal.note(&format!("bench: {name}, {key} failed: {error:#}"));
+                failures += 1;
+            }
+        };
+        let done = match name {
+            "ours" => ours(&device, until, &mut add, eager),
+            "ours, recorded" => ours(&device, until, &mut add, recorded),
+            "PyTorch" => theirs(&python, "torch_gnp.py", &["bench"], until, &mut add),
+            "PyTorch, recorded" => theirs(&python, "torch_gnp.py", &["bench", "--record"], until, &mut add),
+            _ => theirs(&python, "jax_traj.py", &[], until, &mut add),
+        };
+        if let Err(error) = done {
+            terminal.note(&format!("bench: {name} failed: {error:#}"));
+            failures += 1;
+        }
+        if failures > 0 {
+            failed.push(name);
+        }
+    }
     terminal.result(&format!(
-        "Milliseconds per batch and, in brackets, MiB of memory at most; published sizes, f32, one GPU. Empty: not measured, \
-         as JAX has no goal network here and each program stops after {PROGRAM} s.\n{}",
-        rows(&columns)
+        "Milliseconds per batch and, in brackets, MiB of memory at most; published sizes, f32, one GPU; {seconds} s for \
+         everybody together. JAX has no goal network here.\n{}",
+        rows(&results)
     ));
-    Ok(())
+    if json {
+        let named: BTreeMap<&str, &Cells> = COLUMNS.iter().map(|(name, _)| *name).zip(&results).collect();
+        terminal.for_programs(&serde_json::to_string(&named)?);
+    }
+    if failed.is_empty() { Ok(()) } else { bail!("failed: {}; see the messages above", failed.join(", ")) }
 }
 
-/// One row for each case that anybody measured, smaller batches first.
-fn rows(columns: &[(&str, &Cells)]) -> String {
-    let mut keys: Vec<(&str, usize)> = Vec::new();
-    for key in columns.iter().flat_map(|(_, cells)| cells.keys()) {
-        let (case, windows) = key.split_once('@').unwrap_or((key, ""));
-        keys.push((case, windows.parse().unwrap_or(0)));
+/// The time that is left, and the weights of those who share it.
+struct Time {
+    end: Instant,
+    weights: VecDeque<u32>,
+}
+
+impl Time {
+    /// When the next one's share is over; what others left is shared, too.
+    fn share(&mut self) -> Instant {
+        let now = Instant::now();
+        let all: u32 = self.weights.iter().sum();
+        let own = self.weights.pop_front().unwrap_or(0);
+        now + self.end.saturating_duration_since(now) * own / all.max(1)
     }
-    keys.sort_unstable();
-    keys.dedup();
-    let row = |(case, windows): (&str, usize)| {
-        let cells =
-            columns.iter().map(|(_, cells)| cells.get(&format!("{case}@{windows}")).map_or_else(String::new, text));
-        [case.to_owned(), windows.to_string()].into_iter().chain(cells).collect()
-    };
-    let header = ["", "windows"].into_iter().chain(columns.iter().map(|(name, _)| *name)).map(str::to_owned).collect();
-    table(header, keys.into_iter().map(row).collect())
+}
+
+/// One row for each case, those of a network together.
+fn rows(columns: &[Cells]) -> String {
+    let mut sizes = WINDOWS;
+    sizes.sort_unstable();
+    let mut lines = Vec::new();
+    for lengths in [NGSIM, HIGHD] {
+        for name in Case::ALL.map(Case::name) {
+            for windows in sizes {
+                let case = format!("{}.{name}", lengths.name);
+                let cell =
+                    |cells: &Cells| cells.get(&format!("{case}@{windows}")).map_or("not measured".to_owned(), text);
+                let cells: Vec<String> = columns.iter().map(cell).collect();
+                lines.push([case.clone(), windows.to_string()].into_iter().chain(cells).collect());
+            }
+        }
+    }
+    let header = ["", "windows"].into_iter().chain(COLUMNS.map(|(name, _)| name)).map(str::to_owned).collect();
+    table(header, lines)
 }
 
 fn text(cell: &Cell) -> String {
@@ -102,54 +144,97 @@ fn text(cell: &Cell) -> String {
     }
 }
 
-/// Ours as operation after operation, and recorded.
-fn ours(device: &Device, terminal: &Terminal) -> Result<[Cells; 2]> {
-    let begun = Instant::now();
-    let mut all = [Cells::new(), Cells::new()];
-    for (windows, lengths) in WINDOWS.into_iter().flat_map(|windows| [(windows, NGSIM), (windows, HIGHD)]) {
-        let (traj, goal) = networks(device, lengths, windows)?;
-        let cases: [(&str, &dyn Fn() -> Result<Vec<Tensor>>); 4] = [
-            ("traj.forward", &|| Ok(vec![traj.path(Engine::Graph)?])),
-            ("traj.train", &|| traj.gradients(Engine::Graph)),
-            ("goal.forward", &|| Ok(vec![goal.futures(Engine::Graph)?])),
-            ("goal.train", &|| goal.gradients(Engine::Graph)),
-        ];
-        for (name, case) in cases {
-            // Twice the time of the others, for two columns.
-            if begun.elapsed() > Duration::from_secs(2 * PROGRAM) {
-                return Ok(all);
+/// What a reference program measures until its time is over.
+fn theirs(python: &Python, program: &str, options: &[&str], until: Instant, add: &mut Add<'_>) -> Result<()> {
+    let windows = WINDOWS.map(|windows| windows.to_string()).join(",");
+    let (case, left) = (CASE.as_secs_f64(), until.saturating_duration_since(Instant::now()).as_secs_f64());
+    let (case, left) = (case.to_string(), left.to_string());
+    let common = ["--device", "cuda", "--batches", &windows, "--case-seconds", &case, "--seconds", &left];
+    let options: Vec<String> = options.iter().chain(&common).map(|option| (*option).to_owned()).collect();
+    python.follow(program, &options, until + GRACE, |line| {
+        // Other lines are messages of libraries.
+        for (key, cell) in serde_json::from_str::<Cells>(line).unwrap_or_default() {
+            add(key, Ok(cell));
+        }
+    })
+}
+
+/// What is timed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Case {
+    TrajTrain,
+    TrajForward,
+    GoalTrain,
+    GoalForward,
+}
+
+impl Case {
+    /// What matters most first.
+    const ALL: [Self; 4] = [Self::TrajTrain, Self::TrajForward, Self::GoalTrain, Self::GoalForward];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::TrajTrain => "traj.train",
+            Self::TrajForward => "traj.forward",
+            Self::GoalTrain => "goal.train",
+            Self::GoalForward => "goal.forward",
+        }
+    }
+}
+
+/// A network's work, and how it is launched.
+type Work<'a> = dyn Fn() -> Result<Vec<Tensor>> + 'a;
+type Launch = fn(&Device, &Work<'_>) -> Result<Cell>;
+
+/// Ours until the time is over.
+fn ours(device: &Device, until: Instant, add: &mut Add<'_>, launch: Launch) -> Result<()> {
+    for (lengths, windows) in [NGSIM, HIGHD].into_iter().flat_map(|lengths| WINDOWS.map(|windows| (lengths, windows))) {
+        for cases in Case::ALL.chunks(2) {
+            if Instant::now() >= until {
+                return Ok(());
             }
-            let key = format!("{}.{name}@{windows}", lengths.name);
-            let measured = [measured(device, || case().map(drop)).map(Some)?, recorded(device, case, terminal)?];
-            for (cells, cell) in all.iter_mut().zip(measured) {
-                cells.extend(cell.map(|cell| (key.clone(), cell)));
+            let (traj, goal) = match cases {
+                [Case::TrajTrain, ..] => (Some(Traj::on(device, lengths, windows)?), None),
+                _ => (None, Some(Goal::on(device, lengths, windows)?)),
+            };
+            for case in cases {
+                let work = || -> Result<Vec<Tensor>> {
+                    Ok(match (case, &traj, &goal) {
+                        (Case::TrajTrain, Some(traj), _) => traj.gradients(Engine::Graph)?,
+                        (Case::TrajForward, Some(traj), _) => vec![traj.path(Engine::Graph)?],
+                        (Case::GoalTrain, _, Some(goal)) => goal.gradients(Engine::Graph)?,
+                        (_, _, Some(goal)) => vec![goal.futures(Engine::Graph)?],
+                        _ => Vec::new(),
+                    })
+                };
+                if Instant::now() < until {
+                    add(format!("{}.{}@{windows}", lengths.name, case.name()), launch(device, &work));
+                }
             }
         }
     }
-    Ok(all)
+    Ok(())
 }
 
-fn networks(device: &Device, lengths: Lengths, windows: usize) -> Result<(Traj, Goal)> {
-    Ok((Traj::on(device, lengths, windows)?, Goal::on(device, lengths, windows)?))
+/// Operation after operation.
+fn eager(device: &Device, work: &Work<'_>) -> Result<Cell> {
+    measured(device, || work().map(drop))
 }
 
-/// The time of `case`, launched as one graph; none where that cannot be recorded.
+/// As one graph.
 #[cfg(feature = "cuda")]
-fn recorded(device: &Device, case: &dyn Fn() -> Result<Vec<Tensor>>, terminal: &Terminal) -> Result<Option<Cell>> {
-    let work = |_: &[Tensor]| case().map_err(|error| candle_core::Error::Msg(format!("{error:#}")));
+fn recorded(device: &Device, work: &Work<'_>) -> Result<Cell> {
+    let work = |_: &[Tensor]| work().map_err(|error| candle_core::Error::Msg(format!("{error:#}")));
     match gnp_nn::Replay::record(device, &[], work) {
-        Ok(replay) => measured(device, || Ok(replay.run(&[]).map(drop)?)).map(Some),
-        Err(error) if out_of_memory(&error.to_string()) => Ok(Some(Cell::default())),
-        Err(error) => {
-            terminal.note(&format!("bench: not recorded: {error}"));
-            Ok(None)
-        }
+        Ok(replay) => measured(device, || Ok(replay.run(&[]).map(drop)?)),
+        Err(error) if out_of_memory(&error.to_string()) => Ok(Cell::default()),
+        Err(error) => Err(error).context("cannot be recorded"),
     }
 }
 
 #[cfg(not(feature = "cuda"))]
-fn recorded(_: &Device, _: &dyn Fn() -> Result<Vec<Tensor>>, _: &Terminal) -> Result<Option<Cell>> {
-    Ok(None)
+fn recorded(_: &Device, _: &Work<'_>) -> Result<Cell> {
+    bail!("this build records nothing")
 }
 
 /// The median of runs after two that do not count, during the first of which memory is watched.
@@ -227,16 +312,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_of_all_columns_and_say_what_did_not_fit() {
+    fn rows_are_of_all_cases_and_say_what_was_not_measured_or_did_not_fit() {
         let cells = |text: &str| -> Cells { serde_json::from_str(text).unwrap() };
         let ours = cells(r#"{"ngsim.traj.train@64": {"ms": 12.345, "mib": 700}, "ngsim.traj.train@1024": {}}"#);
-        let theirs = cells(r#"{"ngsim.traj.train@64": {"ms": 20.0, "mib": null}, "ngsim.goal.train@64": {"ms": 1}}"#);
-        let text = rows(&[("ours", &ours), ("PyTorch", &theirs)]);
+        let theirs = cells(r#"{"ngsim.traj.train@64": {"ms": 20.0, "mib": null}}"#);
+        let text = rows(&[ours, Cells::new(), theirs, Cells::new(), Cells::new()]);
         let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines.len(), 5, "{text}");
-        assert!(lines[2].contains("goal") && lines[2].contains("1.00"), "{text}");
-        assert!(lines[3].contains("12.35 (700)") && lines[3].contains("20.00"), "{text}");
+        assert_eq!(lines.len(), 2 + 2 * 4 * WINDOWS.len(), "{text}");
+        assert!(["12.35 (700)", "20.00", "not measured"].iter().all(|cell| lines[2].contains(cell)), "{text}");
         assert!(lines[4].contains("1024") && lines[4].contains("out of memory"), "{text}");
+    }
+
+    #[test]
+    fn what_one_leaves_of_its_time_is_for_the_others() {
+        let seconds = |until: Instant| (until - Instant::now()).as_secs_f64().round();
+        let mut time = Time { end: Instant::now() + Duration::from_secs(100), weights: [50, 25, 25].into() };
+        assert_eq!(seconds(time.share()), 50.);
+        // The first took no time at all.
+        assert_eq!((seconds(time.share()), seconds(time.share())), (50., 100.));
+        time.end = Instant::now();
+        assert!(time.share() <= Instant::now(), "there is nothing left");
     }
 
     #[test]
@@ -246,9 +341,11 @@ mod tests {
     }
 
     #[test]
-    fn cases_run_on_any_device() {
-        let (traj, _) = networks(&Device::Cpu, Lengths { observed: 3, predicted: 2, modes: 7, ..NGSIM }, 2).unwrap();
-        let cell = measured(&Device::Cpu, || traj.path(Engine::Graph).map(drop)).unwrap();
+    fn cases_run_on_any_device_and_none_after_the_time() {
+        let traj = Traj::on(&Device::Cpu, Lengths { observed: 3, predicted: 2, modes: 7, ..NGSIM }, 2).unwrap();
+        let cell = eager(&Device::Cpu, &|| Ok(vec![traj.path(Engine::Graph)?])).unwrap();
         assert!(cell.ms.is_some_and(|ms| ms > 0.) && cell.mib.is_none());
+        let mut add = |key: String, _| panic!("{key} was measured");
+        ours(&Device::Cpu, Instant::now(), &mut add, eager).unwrap();
     }
 }

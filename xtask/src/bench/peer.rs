@@ -5,8 +5,11 @@ use gnp_cli::Terminal;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::fs;
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use serde::de::DeserializeOwned;
@@ -77,16 +80,63 @@ impl Python {
         Ok(made)
     }
 
+    /// Runs one of the programs and calls `line` with each line it prints, as it comes; ends it at `end`, without an error.
+    ///
+    /// # Errors
+    /// When the program fails.
+    pub(super) fn follow(
+        &self,
+        program: &str,
+        arguments: &[String],
+        end: Instant,
+        mut line: impl FnMut(&str),
+    ) -> Result<()> {
+        let mut child =
+            self.command(program, arguments).stdout(Stdio::piped()).spawn().with_context(|| self.cannot_start())?;
+        let (sender, lines) = mpsc::channel();
+        let output = child.stdout.take();
+        let reader = std::thread::spawn(move || {
+            for line in output.into_iter().flat_map(|output| BufReader::new(output).lines().map_while(Result::ok)) {
+                // Nobody listens any more once the time is over.
+                let _ = sender.send(line);
+            }
+        });
+        let over = loop {
+            match lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+                Ok(text) => line(&text),
+                Err(RecvTimeoutError::Timeout) => break true,
+                Err(RecvTimeoutError::Disconnected) => break false,
+            }
+        };
+        if over {
+            child.kill().with_context(|| format!("cannot end {program}"))?;
+        }
+        let status = child.wait()?;
+        let _ = reader.join();
+        if !over && !status.success() {
+            bail!("{program} failed ({status}); see its message above");
+        }
+        Ok(())
+    }
+
+    fn command(&self, program: &str, arguments: &[String]) -> Command {
+        let mut command = Command::new(&self.program);
+        // The programs leave no compiled copy of themselves beside them.
+        command.arg("-B").arg(project::root().join("xtask/peer").join(program)).args(arguments);
+        command.stdin(Stdio::null()).stderr(Stdio::inherit());
+        command
+    }
+
+    fn cannot_start(&self) -> String {
+        format!("cannot start {}", self.program.display())
+    }
+
     /// Runs one of the programs; its last line is what it measured.
     ///
     /// # Errors
     /// When the program fails or prints something else.
     pub(super) fn measure<T: DeserializeOwned>(&self, program: &str, arguments: &[String]) -> Result<T> {
-        let path = project::root().join("xtask/peer").join(program);
-        let mut command = Command::new(&self.program);
-        // The programs leave no compiled copy of themselves beside them.
-        command.arg("-B").arg(&path).args(arguments).stdin(Stdio::null()).stderr(Stdio::inherit());
-        let output = command.output().with_context(|| format!("cannot start {}", self.program.display()))?;
+        let output = self.command(program, arguments).output().with_context(|| self.cannot_start())?;
         if !output.status.success() {
             bail!("{program} failed ({}); see its message above", output.status);
         }
@@ -114,6 +164,8 @@ fn parse<T: DeserializeOwned>(text: &str) -> Result<T> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]
@@ -137,6 +189,26 @@ mod tests {
         let terminal = Terminal::start(true, false, &gnp_cli::Program::default());
         let error = Python::find(Some(Path::new("no-such-python")), &terminal).unwrap_err();
         assert!(error.to_string().contains("--python no-such-python"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn lines_are_read_as_they_come_and_a_program_ends_with_its_time() {
+        let folder = tempfile::tempdir().unwrap();
+        // Takes the option of Python, and is quicker to start.
+        let python = Python { program: "bash".into() };
+        let follow = |text: &str, seconds: u64| {
+            let (program, mut seen) = (folder.path().join("program"), Vec::new());
+            fs::write(&program, text).unwrap();
+            let (begun, end) = (Instant::now(), Instant::now() + Duration::from_secs(seconds));
+            let done =
+                python.follow(program.to_str().unwrap(), &["x".to_owned()], end, |line| seen.push(line.to_owned()));
+            assert!(begun.elapsed() < Duration::from_secs(20), "{text} went on");
+            (seen, done.map_err(|error| error.to_string()))
+        };
+        assert_eq!(follow("echo $1; echo b", 30), (vec!["x".to_owned(), "b".to_owned()], Ok(())));
+        assert_eq!(follow("echo a; exec sleep 30", 2), (vec!["a".to_owned()], Ok(())));
+        assert!(follow("exit 3", 30).1.unwrap_err().contains("failed"));
     }
 
     #[cfg(unix)]
