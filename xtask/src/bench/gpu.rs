@@ -1,7 +1,8 @@
 //! Both networks on a GPU at several sizes of a batch, beside PyTorch and JAX on the same one.
 //!
 //! Everybody computes in f32 without TF32, after runs that do not count, and waits for the GPU before the clock stops.
-//! *Recorded* is the same work launched as one CUDA graph. Programs run one after the other, each for its share of a time
+//! Ours is what training and prediction do, where roll-outs are recorded by themselves, as CUDA graphs; *recorded* is the
+//! whole work as one such graph, *by operation* none at all. Programs run one after the other, each for its share of a time
 //! that is given; start, compilation and recording count. What matters most is measured first, and printed at once.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -12,11 +13,12 @@ use anyhow::{Context as _, Result, bail};
 use candle_core::{Device, Tensor};
 use gnp::Progress as _;
 use gnp_cli::Terminal;
+use gnp_nn::DeviceThread;
 use gnp_traj::Engine;
 use serde::{Deserialize, Serialize};
 
 use super::clock::Sample;
-use super::networks::{Goal, HIGHD, Lengths, NGSIM, Traj};
+use super::networks::{Goal, HIGHD, NGSIM, Traj};
 use super::peer::Python;
 use super::table;
 
@@ -28,11 +30,17 @@ const CASE: Duration = Duration::from_millis(200);
 const GRACE: Duration = Duration::from_secs(4);
 
 /// Who is measured: the columns of the table, and the weight of each in sharing the time.
-const COLUMNS: [(&str, u32); 5] =
-    [("ours", 20), ("ours, recorded", 15), ("PyTorch", 25), ("PyTorch, recorded", 20), ("JAX", 20)];
+const COLUMNS: [(&str, u32); 6] = [
+    ("ours", 14),
+    ("ours, recorded", 12),
+    ("ours, by operation", 10),
+    ("PyTorch", 24),
+    ("PyTorch, recorded", 20),
+    ("JAX", 20),
+];
 
 /// Takes what a case took, or why it failed.
-type Add<'a> = dyn FnMut(String, Result<Cell>) + 'a;
+type Add<'a> = dyn FnMut(String, Result<Cell>) + Send + 'a;
 
 /// What one case took.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
@@ -74,8 +82,13 @@ pub(super) fn run(python: Option<&Path>, seconds: u64, json: bool, terminal: &Te
             }
         };
         let done = match name {
-            "ours" => ours(&device, until, &mut add, eager),
-            "ours, recorded" => ours(&device, until, &mut add, recorded),
+            "ours" => ours(&device, until, &mut add, &OurWay { engine: None, cases: &Case::ALL, launch: eager }),
+            "ours, recorded" => {
+                ours(&device, until, &mut add, &OurWay { engine: GRAPH, cases: &Case::ALL, launch: recorded })
+            }
+            "ours, by operation" => {
+                ours(&device, until, &mut add, &OurWay { engine: GRAPH, cases: &Case::ALL[..2], launch: eager })
+            }
             "PyTorch" => theirs(&python, "torch_gnp.py", &["bench"], until, &mut add),
             "PyTorch, recorded" => theirs(&python, "torch_gnp.py", &["bench", "--record"], until, &mut add),
             _ => theirs(&python, "jax_traj.py", &[], until, &mut add),
@@ -186,10 +199,24 @@ impl Case {
 type Work<'a> = dyn Fn() -> Result<Vec<Tensor>> + 'a;
 type Launch = fn(&Device, &Work<'_>) -> Result<Cell>;
 
-/// Ours until the time is over.
-fn ours(device: &Device, until: Instant, add: &mut Add<'_>, launch: Launch) -> Result<()> {
+/// How ours is run.
+struct OurWay<'a> {
+    /// Of roll-outs; that of training and prediction where none is named.
+    engine: Option<Engine>,
+    cases: &'a [Case],
+    launch: Launch,
+}
+
+const GRAPH: Option<Engine> = Some(Engine::Graph);
+
+/// Ours until the time is over, in a thread whose recordings end with it.
+fn ours(device: &Device, until: Instant, add: &mut Add<'_>, way: &OurWay<'_>) -> Result<()> {
+    DeviceThread::of(device)?.run(|| ours_here(device, until, add, way))
+}
+
+fn ours_here(device: &Device, until: Instant, add: &mut Add<'_>, way: &OurWay<'_>) -> Result<()> {
     for (lengths, windows) in [NGSIM, HIGHD].into_iter().flat_map(|lengths| WINDOWS.map(|windows| (lengths, windows))) {
-        for cases in Case::ALL.chunks(2) {
+        for cases in way.cases.chunks(2) {
             if Instant::now() >= until {
                 return Ok(());
             }
@@ -200,15 +227,15 @@ fn ours(device: &Device, until: Instant, add: &mut Add<'_>, launch: Launch) -> R
             for case in cases {
                 let work = || -> Result<Vec<Tensor>> {
                     Ok(match (case, &traj, &goal) {
-                        (Case::TrajTrain, Some(traj), _) => traj.gradients(Engine::Graph)?,
-                        (Case::TrajForward, Some(traj), _) => vec![traj.path(Engine::Graph)?],
+                        (Case::TrajTrain, Some(traj), _) => traj.gradients(way.engine)?,
+                        (Case::TrajForward, Some(traj), _) => vec![traj.path(way.engine)?],
                         (Case::GoalTrain, _, Some(goal)) => goal.gradients(Engine::Graph)?,
                         (_, _, Some(goal)) => vec![goal.futures(Engine::Graph)?],
                         _ => Vec::new(),
                     })
                 };
                 if Instant::now() < until {
-                    add(format!("{}.{}@{windows}", lengths.name, case.name()), launch(device, &work));
+                    add(format!("{}.{}@{windows}", lengths.name, case.name()), (way.launch)(device, &work));
                 }
             }
         }
@@ -237,7 +264,7 @@ fn recorded(_: &Device, _: &Work<'_>) -> Result<Cell> {
     bail!("this build records nothing")
 }
 
-/// The median of runs after two that do not count, during the first of which memory is watched.
+/// The median of runs after two that do not count, during which memory is watched.
 fn measured(device: &Device, run: impl Fn() -> Result<()>) -> Result<Cell> {
     let once = || -> Result<f64> {
         let begun = Instant::now();
@@ -247,9 +274,8 @@ fn measured(device: &Device, run: impl Fn() -> Result<()>) -> Result<Cell> {
     };
     let all = || -> Result<Cell> {
         device.synchronize()?;
-        let (first, mib) = memory::watched(device, once);
-        first?;
-        once()?;
+        let (warm, mib) = memory::watched(device, || once().and_then(|_| once()));
+        warm?;
         let (begun, mut seconds) = (Instant::now(), Vec::new());
         while seconds.len() < 3 || begun.elapsed() < CASE {
             seconds.push(once()?);
@@ -309,6 +335,7 @@ mod memory {
 
 #[cfg(test)]
 mod tests {
+    use super::super::networks::Lengths;
     use super::*;
 
     #[test]
@@ -316,7 +343,7 @@ mod tests {
         let cells = |text: &str| -> Cells { serde_json::from_str(text).unwrap() };
         let ours = cells(r#"{"ngsim.traj.train@64": {"ms": 12.345, "mib": 700}, "ngsim.traj.train@1024": {}}"#);
         let theirs = cells(r#"{"ngsim.traj.train@64": {"ms": 20.0, "mib": null}}"#);
-        let text = rows(&[ours, Cells::new(), theirs, Cells::new(), Cells::new()]);
+        let text = rows(&[ours, Cells::new(), Cells::new(), theirs, Cells::new(), Cells::new()]);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 2 + 2 * 4 * WINDOWS.len(), "{text}");
         assert!(["12.35 (700)", "20.00", "not measured"].iter().all(|cell| lines[2].contains(cell)), "{text}");
@@ -343,9 +370,10 @@ mod tests {
     #[test]
     fn cases_run_on_any_device_and_none_after_the_time() {
         let traj = Traj::on(&Device::Cpu, Lengths { observed: 3, predicted: 2, modes: 7, ..NGSIM }, 2).unwrap();
-        let cell = eager(&Device::Cpu, &|| Ok(vec![traj.path(Engine::Graph)?])).unwrap();
+        let cell = eager(&Device::Cpu, &|| Ok(vec![traj.path(None)?])).unwrap();
         assert!(cell.ms.is_some_and(|ms| ms > 0.) && cell.mib.is_none());
         let mut add = |key: String, _| panic!("{key} was measured");
-        ours(&Device::Cpu, Instant::now(), &mut add, eager).unwrap();
+        ours(&Device::Cpu, Instant::now(), &mut add, &OurWay { engine: None, cases: &Case::ALL, launch: eager })
+            .unwrap();
     }
 }

@@ -112,11 +112,19 @@ impl Traj {
     }
 
     pub(super) fn forward(&self, engine: Engine) -> Result<()> {
-        self.path(engine).map(drop)
+        self.path(Some(engine)).map(drop)
     }
 
-    pub(super) fn path(&self, engine: Engine) -> Result<Tensor> {
-        Ok(self.network.constant.roll_out_on(engine, &self.one, Phase::Full)?)
+    /// As predictions have it where no engine is named.
+    pub(super) fn path(&self, engine: Option<Engine>) -> Result<Tensor> {
+        self.roll_out(&self.network.constant, engine)
+    }
+
+    fn roll_out(&self, network: &SocialForce, engine: Option<Engine>) -> Result<Tensor> {
+        Ok(match engine {
+            Some(engine) => network.roll_out_on(engine, &self.one, Phase::Full)?,
+            None => network.roll_out(&self.one, Phase::Full)?,
+        })
     }
 
     /// To [`GOALS`] goals a window.
@@ -127,11 +135,12 @@ impl Traj {
 
     /// The gradient of the mean squared error in every weight.
     pub(super) fn train(&self, engine: Engine) -> Result<()> {
-        self.gradients(engine).map(drop)
+        self.gradients(Some(engine)).map(drop)
     }
 
-    pub(super) fn gradients(&self, engine: Engine) -> Result<Vec<Tensor>> {
-        let path = self.network.learning.roll_out_on(engine, &self.one, Phase::Full)?;
+    /// As training has them where no engine is named.
+    pub(super) fn gradients(&self, engine: Option<Engine>) -> Result<Vec<Tensor>> {
+        let path = self.roll_out(&self.network.learning, engine)?;
         Ok(self.network.of_weights(&(path - &self.truth)?.sqr()?.mean_all()?.backward()?))
     }
 }

@@ -27,8 +27,15 @@ fn compare(cfg: &TrajConfig, batch: &RollOutBatch, phase: Phase) {
     let run = |device: &Device| {
         let (weights, batch) = (on(device, &weights), moved(batch, device));
         let network = SocialForce::new(cfg, weights.builder()).unwrap();
-        let path = network.roll_out(&batch, phase).unwrap();
-        let found = gradients(&weights, &path.sqr().unwrap().mean_all().unwrap());
+        let learn = || {
+            let path = network.roll_out(&batch, phase).unwrap();
+            let found = gradients(&weights, &path.sqr().unwrap().mean_all().unwrap());
+            (path, found)
+        };
+        // The second time a GPU launches what it recorded.
+        let (first, (path, found)) = (learn(), learn());
+        assert_eq!(values(&first.0), values(&path));
+        assert_eq!(first.1, found);
         let trained: Vec<String> = found.keys().filter(|name| network.trains(phase, name)).cloned().collect();
         let explained = network.roll_out_explained(&batch, phase).unwrap();
         let mut given = vec![("path".to_owned(), values(&path)), ("velocity".to_owned(), values(&explained.velocity))];
