@@ -11,6 +11,7 @@ mod gpu;
 mod limits;
 mod networks;
 mod peer;
+mod roofline;
 mod speed;
 mod traffic;
 
@@ -42,6 +43,10 @@ pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
     }
     if args.gpu {
         return gpu::run(args.python.as_deref(), args.seconds, args.json, terminal);
+    }
+    if args.roofline {
+        roofline::run(terminal);
+        return Ok(());
     }
     let threads = args.threads.map_or(if args.frame { 1 } else { cores() }, usize::from);
     if std::env::var(THREADS).ok() != Some(threads.to_string()) {
@@ -98,6 +103,20 @@ pub(crate) fn table(header: Vec<String>, rows: Vec<Vec<String>>) -> String {
         column.set_cell_alignment(CellAlignment::Right);
     }
     table.to_string()
+}
+
+/// Name and caches of the processor, where the system tells.
+fn processor() -> String {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = text.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    let name = name.map_or("an unknown processor", |(_, name)| name.trim());
+    let cache = |index: usize| {
+        let folder = format!("/sys/devices/system/cpu/cpu0/cache/index{index}");
+        let of = |what: &str| std::fs::read_to_string(format!("{folder}/{what}")).ok();
+        let (level, kind, size) = (of("level")?, of("type")?, of("size")?);
+        (kind.trim() != "Instruction").then(|| format!(", L{} {}", level.trim(), size.trim()))
+    };
+    (0..5).filter_map(cache).fold(name.to_owned(), |all, cache| all + &cache)
 }
 
 /// What else the machine was doing: the load average of the last minute, where the system tells.

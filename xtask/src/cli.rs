@@ -48,6 +48,7 @@ Examples:
   cargo xtask bench --frame               p50 and p99 of a frame of 25 vehicles on one core
   cargo xtask bench --against-torch --json --threads 2
   cargo xtask bench --against-torch --python ~/torch/bin/python
+  cargo xtask bench --roofline            what a core's arithmetic and caches allow, and our product beside it
   cargo run --package xtask --features cuda -- bench --gpu
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
@@ -123,6 +124,9 @@ pub(crate) struct BenchArgs {
     /// Predict whole frames of 25 vehicles; on one thread unless --threads says otherwise.
     #[arg(long, group = "what")]
     pub(crate) frame: bool,
+    /// What a core's arithmetic and caches allow, and how near to it our matrix product comes.
+    #[arg(long, group = "what", conflicts_with_all = ["json", "threads", "rounds", "windows"])]
+    pub(crate) roofline: bool,
     /// Run the programs in xtask/peer beside ours; installs them into target/peer-venv.
     #[arg(long, group = "what")]
     pub(crate) against_torch: bool,
@@ -215,6 +219,7 @@ mod tests {
             &["xtask", "bench", "--check", "--frame"],
             &["xtask", "bench", "--check", "--rounds", "2"],
             &["xtask", "bench", "--rounds", "0"],
+            &["xtask", "bench", "--roofline", "--threads", "2"],
         ] {
             assert!(Cli::try_parse_from(line).is_err(), "{line:?}");
         }

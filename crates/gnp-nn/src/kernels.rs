@@ -13,6 +13,7 @@ mod aligned;
 mod attention;
 mod lstm;
 mod matmul;
+mod outer_sum;
 mod rows;
 mod values;
 
@@ -20,7 +21,8 @@ pub use activation::{exp, sigmoid, tanh};
 pub use aligned::{Aligned, LINE, Pool, padded};
 pub use attention::Attention;
 pub use lstm::{lstm, lstm_adjoint};
-pub use matmul::{Panels, Picked, Rows, RowsMut, Scratch, Start, matmul, matmul_transposed, outer_sum, product};
+pub use matmul::{Panels, Rows, RowsMut, Start, matmul, matmul_transposed, product};
+pub use outer_sum::{Picked, Scratch, outer_sum};
 pub(crate) use rows::NORM_EPSILON;
 pub use rows::{
     Affine, add_rows, add_to_rows, drop_values, norm, norm_adjoint, relu, relu_adjoint, softmax, softmax_adjoint,

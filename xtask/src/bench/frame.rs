@@ -16,7 +16,7 @@ use gnp_nn::Weights;
 use gnp_traj::SocialForce;
 
 use super::clock::{self, Sample};
-use super::{load, pool, table};
+use super::{load, pool, processor, table};
 use crate::project;
 use gnp::RunConfig;
 
@@ -42,7 +42,8 @@ pub(super) fn run(threads: usize, terminal: &Terminal) -> Result<()> {
     }
     let header = ["sizes of", "p50, ms", "p99, ms", "longest, ms", "frames"].map(str::to_owned).to_vec();
     terminal.result(&format!(
-        "A frame of {VEHICLES} vehicles, {GOALS} goals each, {threads} thread(s), untrained weights; load average {load}\n{}",
+        "A frame of {VEHICLES} vehicles, {GOALS} goals each, {threads} thread(s), untrained weights; load average {load}\n{}.\n{}",
+        processor(),
         table(header, rows)
     ));
     Ok(())

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::clock::{self, Run, Sample};
 use super::networks::{GOALS, Goal, HIGHD, Lengths, NGSIM, Traj};
 use super::peer::{Milliseconds, Python};
-use super::{floor, load, pool, table};
+use super::{floor, load, pool, processor, table};
 use crate::cli::BenchArgs;
 
 /// Repeats of a round, of which the median is taken; five times as many of what takes milliseconds.
@@ -97,7 +97,8 @@ pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
     let comparison = Comparison::new([threads, windows], [ours.medians(), torch.medians(), jax.medians()], rate);
     terminal.result(&format!(
         "Milliseconds per window, {windows} windows, published sizes, {threads} thread(s), median of {rounds} round(s); \
-         load average {load}.\nFloor: operations at {:.0} GFLOP/s, the fastest large f32 product of this run.\n{}",
+         load average {load}.\n{}.\nFloor: operations at {:.0} GFLOP/s, the fastest large f32 product of this run.\n{}",
+        processor(),
         rate / 1e9,
         comparison.table(peers)
     ));

@@ -1,19 +1,14 @@
 //! Matrix products, at the widest vectors the processor has.
 //!
 //! [`product`] reads weights that were packed once for many calls, [`matmul`] and [`matmul_transposed`] read
-//! matrices of tens of rows and columns as they lie, because packing them would cost what it gains, and
-//! [`outer_sum`] packs a block of rows at a time. All go through the same tiles: some rows by two vectors
+//! matrices of tens of rows and columns as they lie, because packing them would cost what it gains. All go
+//! through the same tiles: some rows by two vectors
 //! of columns, whose sums stay in registers. Each value is one chain of multiply-adds in the order of the
 //! depth, so that neither packing nor tiling reaches it.
-
-use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
 
 use super::aligned::Aligned;
-
-/// Rows of a sum over rows that are packed at once: their panel stays in the innermost cache.
-const BLOCK: usize = 192;
 
 /// Rows of a matrix: row `i` begins at `data[i * stride]`.
 #[derive(Clone, Copy, Debug)]
@@ -129,66 +124,19 @@ impl Panels {
 /// values set to 0 if `relu`.
 pub fn product(count: usize, x: Rows<'_>, weights: &Panels, start: Start<'_>, relu: bool, y: RowsMut<'_>) {
     let sizes = [count, weights.depth, weights.width];
-    Arch::new().dispatch(Product::<false> { sizes, a: Matrix::Rows(x), b: Matrix::Panels(weights), start, relu, c: y });
+    Arch::new().dispatch(Product::<false> { sizes, a: x, b: Matrix::Panels(weights), start, relu, c: y });
 }
 
 /// `c` `[rows, columns]` = `start` + `a` `[rows, depth]` times `b` `[depth, columns]`; `sizes` is `[rows,
 /// depth, columns]`.
 pub fn matmul(sizes: [usize; 3], a: Rows<'_>, b: Rows<'_>, start: Start<'_>, c: RowsMut<'_>) {
-    Arch::new().dispatch(Product::<false> { sizes, a: Matrix::Rows(a), b: Matrix::Rows(b), start, relu: false, c });
+    Arch::new().dispatch(Product::<false> { sizes, a, b: Matrix::Rows(b), start, relu: false, c });
 }
 
 /// `c` `[rows, columns]` = `start` + the transpose of `a` `[depth, rows]` times `b` `[depth, columns]`;
 /// `sizes` is `[rows, depth, columns]`.
 pub fn matmul_transposed(sizes: [usize; 3], a: Rows<'_>, b: Rows<'_>, start: Start<'_>, c: RowsMut<'_>) {
-    Arch::new().dispatch(Product::<true> { sizes, a: Matrix::Rows(a), b: Matrix::Rows(b), start, relu: false, c });
-}
-
-/// The same rows of several blocks of rows on end, block by block.
-#[derive(Clone, Debug)]
-pub struct Picked {
-    /// Which rows of a block.
-    pub rows: Range<usize>,
-    /// Rows of a block.
-    pub of: usize,
-    /// Number of blocks.
-    pub blocks: usize,
-}
-
-impl Picked {
-    /// Number of rows in all.
-    fn count(&self) -> usize {
-        self.rows.len() * self.blocks
-    }
-
-    /// Where row `t` of those that are picked lies.
-    #[inline(always)]
-    fn place(&self, t: usize) -> usize {
-        t / self.rows.len() * self.of + self.rows.start + t % self.rows.len()
-    }
-}
-
-/// `sum[o, i] += dy[t, o] * x[t, i]` and `bias[o] += dy[t, o]` over the rows `t` that are `picked`: the gradients
-/// of an affine map, from those of what it gave and from what it took.
-///
-/// `sum` is `[outputs, inputs]`, `bias` `[outputs]`; `scratch` is overwritten.
-pub fn outer_sum(
-    picked: &Picked,
-    dy: Rows<'_>,
-    x: Rows<'_>,
-    sum: &mut [f32],
-    bias: &mut [f32],
-    inputs: usize,
-    scratch: &mut Scratch,
-) {
-    Arch::new().dispatch(OuterSum { picked, dy, x, sum, bias, inputs, scratch });
-}
-
-/// Packed rows of one [`outer_sum`] at a time.
-#[derive(Debug, Default)]
-pub struct Scratch {
-    dy: Panels,
-    x: Panels,
+    Arch::new().dispatch(Product::<true> { sizes, a, b: Matrix::Rows(b), start, relu: false, c });
 }
 
 /// Two vectors.
@@ -232,7 +180,7 @@ impl<'a> Matrix<'a> {
 struct Product<'a, const TRANSPOSED: bool> {
     /// Rows, depth and columns.
     sizes: [usize; 3],
-    a: Matrix<'a>,
+    a: Rows<'a>,
     b: Matrix<'a>,
     start: Start<'a>,
     relu: bool,
@@ -267,8 +215,8 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
         let mut row = 0;
         while row < self.sizes[0] {
             let (most, left) = (tile_rows::<S>(), self.sizes[0] - row);
-            // Two tiles alike rather than a full one and one of a row or two; packed rows have the tiles they have.
-            let halved = !TRANSPOSED && left > most && left < most + most / 3;
+            // Two tiles alike rather than a full one and one of a row or two.
+            let halved = left > most && left < most + most / 3;
             let rows = if halved { left.div_ceil(2) } else { most.min(left) };
             match rows {
                 12 => self.tile::<S, 12, V, WHOLE>(simd, row, column),
@@ -310,8 +258,9 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
         let b = self.b.from(column);
         let b = b.data.chunks(b.stride.max(1)).take(depth);
         if TRANSPOSED {
-            let a = self.a.from(row);
-            for (b, a) in b.zip(a.data.chunks(a.stride.max(1))) {
+            let Rows { data, stride } = self.a;
+            let rows = data.get(row..).unwrap_or_default().chunks(stride.max(1));
+            for (b, a) in b.zip(rows) {
                 let b = load::<S, V, WHOLE>(simd, &b[..width]);
                 let a = &a[..R];
                 for r in 0..R {
@@ -319,8 +268,8 @@ impl<const TRANSPOSED: bool> Product<'_, TRANSPOSED> {
                 }
             }
         } else {
-            let a = self.a.from(0);
-            let a: [&[f32]; R] = std::array::from_fn(|r| &a.data[(row + r) * a.stride..][..depth]);
+            let Rows { data, stride } = self.a;
+            let a: [&[f32]; R] = std::array::from_fn(|r| &data[(row + r) * stride..][..depth]);
             for (i, b) in b.enumerate() {
                 let b = load::<S, V, WHOLE>(simd, &b[..width]);
                 for r in 0..R {
@@ -376,52 +325,6 @@ fn accumulate<S: Simd, const V: usize>(simd: S, sums: &mut [S::f32s; V], a: f32,
     let a = simd.splat_f32s(a);
     for v in 0..V {
         sums[v] = simd.mul_add_e_f32s(a, b[v], sums[v]);
-    }
-}
-
-struct OuterSum<'a> {
-    picked: &'a Picked,
-    dy: Rows<'a>,
-    x: Rows<'a>,
-    sum: &'a mut [f32],
-    bias: &'a mut [f32],
-    inputs: usize,
-    scratch: &'a mut Scratch,
-}
-
-impl WithSimd for OuterSum<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { picked, dy, x, sum, bias, inputs, scratch } = self;
-        let (outputs, panel, all) = (bias.len(), 2 * S::F32_LANES, picked.count());
-        for first in (0..all).step_by(BLOCK) {
-            let count = BLOCK.min(all - first);
-            for t in 0..count {
-                let dy = &dy.data[picked.place(first + t) * dy.stride..][..outputs];
-                for (bias, &dy) in bias.iter_mut().zip(dy) {
-                    *bias += dy;
-                }
-            }
-            scratch.dy.fill(tile_rows::<S>(), count, outputs, |t, from, part| {
-                part.copy_from_slice(&dy.data[picked.place(first + t) * dy.stride + from..][..part.len()]);
-            });
-            for column in (0..inputs).step_by(panel) {
-                let width = panel.min(inputs - column);
-                scratch.x.fill(panel, count, width, |t, _, part| {
-                    part.copy_from_slice(&x.data[picked.place(first + t) * x.stride + column..][..part.len()]);
-                });
-                simd.vectorize(Product::<true> {
-                    sizes: [outputs, count, width],
-                    a: Matrix::Panels(&scratch.dy),
-                    b: Matrix::Panels(&scratch.x),
-                    start: Start::Sum,
-                    relu: false,
-                    c: RowsMut { data: &mut sum[column..], stride: inputs },
-                });
-            }
-        }
     }
 }
 
@@ -496,7 +399,7 @@ mod tests {
                         let mut y = before.clone();
                         on.run(Product::<false> {
                             sizes: [count, depth, width],
-                            a: Matrix::Rows(Rows::new(&x, stride)),
+                            a: Rows::new(&x, stride),
                             b: Matrix::Panels(&weights),
                             start,
                             relu,
@@ -539,41 +442,6 @@ mod tests {
                     }
                     assert_eq!(c, expected, "{m} {k} {n} transposed {transposed} {start:?}");
                 }
-            }
-        }
-    }
-
-    #[test]
-    fn gradients_add_up_over_the_rows_that_are_picked_and_more_than_a_block_of_them() {
-        let (inputs, outputs) = (48, 32);
-        let whole = Picked { rows: 0..BLOCK + 5, of: BLOCK + 5, blocks: 1 };
-        let some = Picked { rows: 3..10, of: 11, blocks: BLOCK / 7 + 2 };
-        for picked in [whole, some, Picked { rows: 4..4, of: 9, blocks: 3 }] {
-            let rows: Vec<usize> = (0..picked.blocks)
-                .flat_map(|block| picked.rows.clone().map(move |row| (block, row)))
-                .map(|(block, row)| block * picked.of + row)
-                .collect();
-            let count = picked.of * picked.blocks;
-            let (x, dy) = (values(count * inputs, 4), values(count * outputs, 5));
-            let before = values(outputs * inputs, 6);
-            let term = |at: usize, t: usize| dy[t * outputs + at / inputs] * x[t * inputs + at % inputs];
-            let wanted: Vec<f32> =
-                (0..outputs * inputs).map(|at| before[at] + rows.iter().map(|t| term(at, *t)).sum::<f32>()).collect();
-            let wanted_bias: Vec<f32> =
-                (0..outputs).map(|o| rows.iter().map(|t| dy[t * outputs + o]).sum::<f32>()).collect();
-            for on in [Width::Widest, Width::One] {
-                let (mut sum, mut bias) = (before.clone(), vec![0.; outputs]);
-                on.run(OuterSum {
-                    picked: &picked,
-                    dy: Rows::new(&dy, outputs),
-                    x: Rows::new(&x, inputs),
-                    sum: &mut sum,
-                    bias: &mut bias,
-                    inputs,
-                    scratch: &mut Scratch::default(),
-                });
-                assert_close(&sum, &wanted);
-                assert_close(&bias, &wanted_bias);
             }
         }
     }
