@@ -1,6 +1,7 @@
 """The neural social force of torch_gnp.py in JAX, compiled as a whole: `jit` over `scan`.
 
     python jax_traj.py --threads 2      milliseconds per window at the published sizes, as one JSON line
+    python jax_traj.py --device cuda    milliseconds per batch and MiB on a GPU, a JSON line a case
 """
 import argparse
 import json
@@ -8,18 +9,28 @@ import os
 import statistics
 import time
 
+BEGUN = time.perf_counter()
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--threads", type=int, default=2)
 parser.add_argument("--windows", type=int, default=64)
 parser.add_argument("--repeats", type=int, default=7)
+parser.add_argument("--device", default="cpu", help="with cuda: milliseconds per batch and MiB for each of --batches")
+parser.add_argument("--batches", default="64,1024,4096,256", help="windows in a batch, with --device cuda")
+parser.add_argument("--case-seconds", type=float, default=0.25, help="time for the repeats of a case, with --device cuda")
+parser.add_argument("--seconds", type=float, default=40, help="after which no case begins, with --device cuda")
 ARGS = parser.parse_args()
-if hasattr(os, "sched_setaffinity"):
+ON_GPU = ARGS.device != "cpu"
+os.environ.setdefault("JAX_PLATFORMS", ARGS.device)
+os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
+if hasattr(os, "sched_setaffinity") and not ON_GPU:
     # The number of threads is read from the cores of the process when jax is loaded.
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: ARGS.threads])
 
 import jax
 import jax.numpy as jnp
 
+# Full f32 in products, as everybody else here; JAX takes TF32 on a GPU unless told.
+jax.config.update("jax_default_matmul_precision", "float32")
 SLOTS = 8
 PRESENT = 0.65
 # Observed steps, predicted steps, frame period in s.
@@ -115,22 +126,62 @@ def timed(run):
     return statistics.median(seconds)
 
 
+def cases(w, windows, observed, predicted, dt):
+    """What is timed: the path, and value and gradient of a loss of it."""
+
+    def normal(*shape):
+        return jax.random.normal(next(KEYS), shape)
+
+    obs, goal = normal(windows, observed, 4), normal(windows, 2) + 100
+    nei, truth = normal(windows, predicted, SLOTS, 4) * 10, normal(windows, predicted, 2)
+    mask = (jax.random.uniform(next(KEYS), (windows, SLOTS)) < PRESENT) * 1.0
+    # Given and not captured: constants would be folded while it is compiled.
+    given = obs, goal, nei, mask
+    forward = jax.jit(lambda w, given: roll_out(w, *given, dt))
+    train = jax.jit(jax.value_and_grad(lambda w, given, truth: ((roll_out(w, *given, dt) - truth) ** 2).mean()))
+    return {"traj.forward": lambda: forward(w, given), "traj.train": lambda: train(w, given, truth)}
+
+
+def on_gpu(run):
+    """Milliseconds of `run`, and MiB of all that JAX held at most so far; neither when it lacks memory."""
+
+    def once():
+        start = time.perf_counter()
+        jax.block_until_ready(run())
+        return time.perf_counter() - start
+
+    try:
+        once(), once()
+        begun, seconds = time.perf_counter(), []
+        while len(seconds) < 3 or time.perf_counter() - begun < ARGS.case_seconds:
+            seconds.append(once())
+    except Exception as error:
+        if "RESOURCE_EXHAUSTED" not in str(error):
+            raise
+        return {"ms": None, "mib": None}
+    stats = jax.devices()[0].memory_stats() or {}
+    peak = stats.get("peak_bytes_in_use")
+    return {"ms": round(statistics.median(seconds) * 1e3, 4), "mib": peak and round(peak / 2**20, 1)}
+
+
+def bench_gpu():
+    """Prints each case as a JSON line when it is measured, the first batches first."""
+    w = weights()
+    for name, (observed, predicted, dt) in LENGTHS.items():
+        for windows in map(int, ARGS.batches.split(",")):
+            runs = cases(w, windows, observed, predicted, dt)
+            for key in ("traj.train", "traj.forward"):
+                if time.perf_counter() - BEGUN < ARGS.seconds:
+                    print(json.dumps({f"{name}.{key}@{windows}": on_gpu(runs[key])}), flush=True)
+
+
 def main():
     w, windows, milliseconds = weights(), ARGS.windows, {}
     for name, (observed, predicted, dt) in LENGTHS.items():
-
-        def normal(*shape):
-            return jax.random.normal(next(KEYS), shape)
-
-        obs, goal = normal(windows, observed, 4), normal(windows, 2) + 100
-        nei, truth = normal(windows, predicted, SLOTS, 4) * 10, normal(windows, predicted, 2)
-        mask = (jax.random.uniform(next(KEYS), (windows, SLOTS)) < PRESENT) * 1.0
-        forward = jax.jit(lambda w: roll_out(w, obs, goal, nei, mask, dt))
-        train = jax.jit(jax.value_and_grad(lambda w: ((roll_out(w, obs, goal, nei, mask, dt) - truth) ** 2).mean()))
-        milliseconds[f"{name}.traj.forward"] = timed(lambda: forward(w)) / windows * 1e3
-        milliseconds[f"{name}.traj.train"] = timed(lambda: train(w)) / windows * 1e3
+        for key, run in cases(w, windows, observed, predicted, dt).items():
+            milliseconds[f"{name}.{key}"] = timed(run) / windows * 1e3
     print(json.dumps({key: round(value, 4) for key, value in milliseconds.items()}))
 
 
 if __name__ == "__main__":
-    main()
+    bench_gpu() if ON_GPU else main()

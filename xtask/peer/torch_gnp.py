@@ -1,6 +1,7 @@
 """Both networks of GNP in PyTorch, written as one would write them there: the measure of the project's speed and numbers.
 
     python torch_gnp.py bench --threads 2           milliseconds per window at the published sizes, as one JSON line
+    python torch_gnp.py bench --device cuda         milliseconds per batch and MiB on a GPU, a JSON line a case
     python torch_gnp.py golden OUT.safetensors      random weights, inputs, outputs and gradients of small networks
 
 `fixtures/golden.safetensors` was made by `golden`. Parameters have the names of the checkpoints.
@@ -9,6 +10,8 @@ import argparse
 import json
 import statistics
 import time
+
+BEGUN = time.perf_counter()
 
 import torch
 from torch import nn
@@ -129,7 +132,8 @@ def timed(run, repeats):
     return statistics.median(seconds)
 
 
-def bench_traj(windows, repeats, observed, predicted, dt):
+def traj_cases(windows, observed, predicted, dt):
+    """What is timed of the roll-out, on the default device."""
     net = SocialForce()
     obs, goal = torch.randn(windows, observed, 4), torch.randn(windows, 2) + 100
     nei, mask = torch.randn(windows, predicted, SLOTS, 4) * 10, (torch.rand(windows, SLOTS) < PRESENT).float()
@@ -143,18 +147,21 @@ def bench_traj(windows, repeats, observed, predicted, dt):
         net.zero_grad()
         (net(obs, goal, nei, mask, dt) - truth).square().mean().backward()
 
-    # As published: every goal of a window is a window of its own, history included.
-    each = [x.repeat_interleave(GOALS, 0) for x in (obs, goal, nei, mask)]
-    each[1] = each[1] + torch.randn(windows * GOALS, 2)
+    many = []
 
+    # As published: every goal of a window is a window of its own, history included.
     @torch.no_grad()
     def forward_k20():
-        net(*each, dt)
+        if not many:
+            many.extend(x.repeat_interleave(GOALS, 0) for x in (obs, goal, nei, mask))
+            many[1] = many[1] + torch.randn(windows * GOALS, 2)
+        net(*many, dt)
 
-    return {"forward": timed(forward, repeats), "train": timed(train, repeats), "forward_k20": timed(forward_k20, 1)}
+    return {"forward": forward, "train": train, "forward_k20": forward_k20}
 
 
-def bench_goal(windows, repeats, observed, predicted, modes):
+def goal_cases(windows, observed, predicted, modes):
+    """What is timed of the goal network, on the default device."""
     net = GoalNet(observed, predicted)
     obs, nei = torch.randn(windows, observed, 4), torch.randn(windows, SLOTS, observed, 4)
     mask, centres = (torch.rand(windows, SLOTS) < PRESENT).float(), torch.randn(modes, predicted, 2)
@@ -170,8 +177,7 @@ def bench_goal(windows, repeats, observed, predicted, modes):
         soft = torch.softmax(logits.detach(), -1)
         (F.smooth_l1_loss(futures[:, 0], truth) + F.cross_entropy(logits, soft)).backward()
 
-    # A pass takes milliseconds: more of them, so that their median is steady.
-    return {"forward": timed(forward, 5 * repeats), "train": timed(train, 5 * repeats)}
+    return {"forward": forward, "train": train}
 
 
 def bench(threads, windows, repeats):
@@ -179,11 +185,69 @@ def bench(threads, windows, repeats):
     torch.manual_seed(0)
     seconds = {}
     for name, (observed, predicted, modes, dt) in LENGTHS.items():
-        traj = bench_traj(windows, repeats, observed, predicted, dt)
-        goal = bench_goal(windows, repeats, observed, predicted, modes)
-        seconds |= {f"{name}.traj.{key}": value for key, value in traj.items()}
-        seconds |= {f"{name}.goal.{key}": value for key, value in goal.items()}
+        for key, run in traj_cases(windows, observed, predicted, dt).items():
+            seconds[f"{name}.traj.{key}"] = timed(run, 1 if key == "forward_k20" else repeats)
+        # A pass takes milliseconds: more of them, so that their median is steady.
+        for key, run in goal_cases(windows, observed, predicted, modes).items():
+            seconds[f"{name}.goal.{key}"] = timed(run, 5 * repeats)
     print(json.dumps({key: round(value / windows * 1e3, 4) for key, value in seconds.items()}))
+
+
+def recorded(run):
+    """`run` as a CUDA graph."""
+    side = torch.cuda.Stream()
+    side.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(side):
+        for _ in range(2):
+            run()
+    torch.cuda.current_stream().wait_stream(side)
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        run()
+    return graph.replay
+
+
+def on_gpu(run, record, case_seconds):
+    """Milliseconds of `run` with the GPU done, and MiB it held at most; neither when it lacks memory."""
+
+    def once(run):
+        start = time.perf_counter()
+        run()
+        torch.cuda.synchronize()
+        return time.perf_counter() - start
+
+    torch.cuda.empty_cache()
+    before = torch.cuda.memory_reserved()
+    torch.cuda.reset_peak_memory_stats()
+    try:
+        run = recorded(run) if record else run
+        once(run), once(run)
+        begun, seconds = time.perf_counter(), []
+        while len(seconds) < 3 or time.perf_counter() - begun < case_seconds:
+            seconds.append(once(run))
+    except RuntimeError as error:
+        # While a graph is recorded, lack of memory shows as a failed recording.
+        if not record and not isinstance(error, torch.cuda.OutOfMemoryError):
+            raise
+        return {"ms": None, "mib": None}
+    mib = (torch.cuda.max_memory_reserved() - before) / 2**20
+    return {"ms": round(statistics.median(seconds) * 1e3, 4), "mib": round(mib, 1)}
+
+
+def bench_gpu(device, batches, record, case_seconds, seconds):
+    """Prints each case as a JSON line when it is measured, the first batches first."""
+    torch.set_default_device(device)
+    torch.set_float32_matmul_precision("highest")
+    torch.backends.cudnn.allow_tf32 = False
+    torch.manual_seed(0)
+    for name, (observed, predicted, modes, dt) in LENGTHS.items():
+        for windows in batches:
+            for kind, cases in (("traj", lambda: traj_cases(windows, observed, predicted, dt)), ("goal", lambda: goal_cases(windows, observed, predicted, modes))):
+                runs = cases()
+                for key in ("train", "forward"):
+                    if time.perf_counter() - BEGUN < seconds:
+                        cell = on_gpu(runs[key], record, case_seconds)
+                        print(json.dumps({f"{name}.{kind}.{key}@{windows}": cell}), flush=True)
 
 
 def golden(path):
@@ -221,9 +285,17 @@ def main():
     timing.add_argument("--threads", type=int, default=2)
     timing.add_argument("--windows", type=int, default=64)
     timing.add_argument("--repeats", type=int, default=7)
+    timing.add_argument("--device", default="cpu", help="with cuda: milliseconds per batch and MiB for each of --batches")
+    timing.add_argument("--batches", default="64,1024,4096,256", help="windows in a batch, with --device cuda")
+    timing.add_argument("--record", action="store_true", help="launch each case as one CUDA graph")
+    timing.add_argument("--case-seconds", type=float, default=0.25, help="time for the repeats of a case, with --device cuda")
+    timing.add_argument("--seconds", type=float, default=40, help="after which no case begins, with --device cuda")
     commands.add_parser("golden").add_argument("out")
     args = parser.parse_args()
-    if args.command == "bench":
+    if args.command == "bench" and args.device != "cpu":
+        batches = [int(windows) for windows in args.batches.split(",")]
+        bench_gpu(args.device, batches, args.record, args.case_seconds, args.seconds)
+    elif args.command == "bench":
         bench(args.threads, args.windows, args.repeats)
     else:
         golden(args.out)

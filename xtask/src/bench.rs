@@ -7,6 +7,7 @@ mod check;
 mod clock;
 mod floor;
 mod frame;
+mod gpu;
 mod limits;
 mod networks;
 mod peer;
@@ -37,6 +38,9 @@ const THREADS: &str = "RAYON_NUM_THREADS";
 /// # Errors
 /// When a limit is missed, a reference program cannot be run, or a benchmark fails.
 pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
+    if args.gpu {
+        return gpu::run(args.python.as_deref(), args.seconds, args.json, terminal);
+    }
     if args.roofline {
         roofline::run(terminal);
         return Ok(());

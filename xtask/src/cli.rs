@@ -47,7 +47,9 @@ Examples:
   cargo xtask bench --check --quick       ratios against configs/bench.toml, as in `cargo xtask ci`
   cargo xtask bench --frame               p50 and p99 of a frame of 25 vehicles on one core
   cargo xtask bench --against-torch --json --threads 2
+  cargo xtask bench --against-torch --python ~/torch/bin/python
   cargo xtask bench --roofline            what a core's arithmetic and caches allow, and our product beside it
+  cargo run --package xtask --features cuda -- bench --gpu
 
 Exit code: 0 all limits hold, 1 one is missed or an error, 2 wrong use.")]
     Bench(BenchArgs),
@@ -116,7 +118,7 @@ pub(crate) struct GalleryArgs {
 }
 
 /// What to measure.
-#[derive(Clone, Copy, Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct BenchArgs {
     /// Hold ratios measured in one run against configs/bench.toml.
     #[arg(long, group = "what", conflicts_with = "threads")]
@@ -133,6 +135,15 @@ pub(crate) struct BenchArgs {
     /// Run the programs in xtask/peer beside ours; installs them into target/peer-venv.
     #[arg(long, group = "what")]
     pub(crate) against_torch: bool,
+    /// Both networks on a GPU at several sizes of a batch beside PyTorch and JAX there; needs a build with `cuda`.
+    #[arg(long, group = "what", conflicts_with_all = ["threads", "rounds", "windows"])]
+    pub(crate) gpu: bool,
+    /// Time for everybody on the GPU together, in s; what it does not suffice for is not measured.
+    #[arg(long, value_name = "N", default_value_t = 150, requires = "gpu")]
+    pub(crate) seconds: u64,
+    /// Python that has PyTorch and JAX, instead of an environment in target/peer-venv.
+    #[arg(long, value_name = "PATH", conflicts_with_all = ["check", "frame"])]
+    pub(crate) python: Option<PathBuf>,
     /// Print everything once more as JSON, in the last line.
     #[arg(long, conflicts_with_all = ["check", "frame"])]
     pub(crate) json: bool,

@@ -70,16 +70,18 @@ pub fn machine(args: &MachineArgs, program: &Program) -> Result<Machine> {
 }
 
 fn device(name: DeviceName, program: &Program) -> Result<Device> {
-    let (device, feature) = match name {
+    let (device, feature, built) = match name {
         DeviceName::Cpu => return Ok(Device::Cpu),
-        DeviceName::Cuda => (Device::new_cuda(0), "cuda"),
-        DeviceName::Metal => (Device::new_metal(0), "metal"),
+        DeviceName::Cuda => (Device::new_cuda(0), "cuda", cfg!(feature = "cuda")),
+        DeviceName::Metal => (Device::new_metal(0), "metal", cfg!(feature = "metal")),
     };
     device.with_context(|| {
-        format!(
-            "--device {feature} cannot be used; build with `{} ...` on a computer that has one, or take --device cpu",
-            program.with_feature(feature)
-        )
+        let remedy = if built {
+            "see that this computer has a GPU and that its driver works (for CUDA: nvidia-smi)".to_owned()
+        } else {
+            format!("build with `{} ...` on a computer that has one", program.with_feature(feature))
+        };
+        format!("--device {feature} cannot be used; {remedy}, or take --device cpu")
     })
 }
 

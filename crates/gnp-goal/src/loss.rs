@@ -1,6 +1,6 @@
 //! What the network learns: soft labels over modes, and the loss.
 
-use candle_core::{D, Device, Tensor};
+use candle_core::{D, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::error::GoalError;
@@ -82,7 +82,10 @@ pub fn label_distances(truth: &Tensor, modes: &Tensor, distance: LabelDistance) 
             needed: format!("[batch, t_pred, 2] beside modes of shape {:?}", modes.dims()),
         });
     }
-    let values = |x: &Tensor| x.to_device(&Device::Cpu)?.flatten_all()?.to_vec1::<f32>();
+    if !truth.device().is_cpu() {
+        return Ok(distances_on_device(&truth.detach(), &modes.detach(), distance)?);
+    }
+    let values = |x: &Tensor| x.flatten_all()?.to_vec1::<f32>();
     let (paths, centres) = (values(truth)?, values(modes)?);
     let between = |path: &[f32], centre: &[f32]| {
         let squares = path.as_chunks::<2>().0.iter().zip(centre.as_chunks::<2>().0).map(|(a, b)| {
@@ -101,6 +104,16 @@ pub fn label_distances(truth: &Tensor, modes: &Tensor, distance: LabelDistance) 
         .flat_map(|path| centres.chunks_exact(steps).map(move |centre| between(path, centre)))
         .collect();
     Ok(Tensor::from_vec(distances, (batch, count), truth.device())?)
+}
+
+/// As [`label_distances`] where `truth` lives, without waiting for it.
+fn distances_on_device(truth: &Tensor, modes: &Tensor, distance: LabelDistance) -> candle_core::Result<Tensor> {
+    let squares = truth.unsqueeze(1)?.broadcast_sub(&modes.unsqueeze(0)?)?.sqr()?;
+    match distance {
+        LabelDistance::SquaredSum => squares.flatten_from(2)?.sum(2),
+        LabelDistance::Euclidean => squares.flatten_from(2)?.sum(2)?.sqrt(),
+        LabelDistance::MeanDisplacement => squares.sum(3)?.sqrt()?.mean(2),
+    }
 }
 
 /// `softmax(-distance / temperature)` over the modes, `[batch, modes]`.
@@ -177,7 +190,7 @@ pub fn goal_loss(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use candle_core::Var;
+    use candle_core::{Device, Var};
 
     fn close(found: &Tensor, expected: &[f32]) {
         let found = found.flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -197,6 +210,7 @@ mod tests {
             (LabelDistance::MeanDisplacement, [2.5, 0.5, 3.5]),
         ] {
             close(&label_distances(&truth, modes.as_ref().unwrap(), distance).unwrap(), &expected);
+            close(&distances_on_device(&truth, modes.as_ref().unwrap(), distance).unwrap(), &expected);
         }
     }
 

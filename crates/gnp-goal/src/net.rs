@@ -2,7 +2,7 @@
 
 use candle_core::{D, Tensor};
 use candle_nn::{Init, Linear, Module, VarBuilder};
-use gnp_nn::{Dropout, linear};
+use gnp_nn::{Dropout, LaunchCache, linear};
 
 use crate::block::{Block, BlockMasks};
 use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
@@ -124,7 +124,8 @@ impl GoalNet {
         mut dropout: Option<&mut Dropout>,
     ) -> Result<GoalOutput, GoalError> {
         let batch = self.check(observed, neighbours, mask, modes, pick)?;
-        let picked = pick.of_windows(batch, modes.dims()[0])?;
+        let picked = pick.of_windows(batch, modes.dims()[0], observed.device())?;
+        let _sent = LaunchCache::on(observed.device());
         let modes = modes.flatten_from(1)?;
         // Modes are embedded once a batch, not once a window.
         let (embedded, observed) = (self.mode.forward(&modes)?, self.observed.forward(observed)?);
@@ -240,7 +241,8 @@ impl GoalNet {
         }
         let Some(null_token) = &self.null_token else { return Ok((keys, mask.clone())) };
         let (batch, _, width) = keys.dims3()?;
-        let null_token = null_token.broadcast_as((batch, 1, width))?;
+        // Contiguous, or the whole would be put together transposed, which products on a GPU do not take.
+        let null_token = null_token.broadcast_as((batch, 1, width))?.contiguous()?;
         let always = Tensor::ones((batch, 1), mask.dtype(), mask.device())?;
         Ok((Tensor::cat(&[&keys, &null_token], 1)?, Tensor::cat(&[mask, &always], 1)?))
     }

@@ -11,6 +11,7 @@ use gnp_data::{
 };
 use gnp_goal::GoalNet;
 use gnp_modes::{Modes, from_mode_frame};
+use gnp_nn::DeviceThread;
 use gnp_traj::{Arity, ForceTerm, Phase, RollOut, RollOutBatch, SocialForce, TermRollOut};
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -56,6 +57,7 @@ pub(crate) struct Trained {
     pub(crate) goal: GoalNet,
     pub(crate) force: Option<(SocialForce, Phase)>,
     pub(crate) device: Device,
+    pub(crate) thread: DeviceThread,
 }
 
 /// Goals and whole futures of the goal network, in the window's frame.
@@ -155,8 +157,8 @@ impl Gnp {
             Some(_) if neighbours == NeighbourFuture::Joint => "gnp (joint)",
             Some(_) => "gnp",
         };
-        let device = device.clone();
-        let trained = Arc::new(Trained { header, features, modes, centres, goal: net, force, device });
+        let (device, thread) = (device.clone(), DeviceThread::of(device)?);
+        let trained = Arc::new(Trained { header, features, modes, centres, goal: net, force, device, thread });
         Ok(Self { trained, neighbours, selection: Selection::Medoids, trust: 1., explain: false, pool: None, name })
     }
 
@@ -290,7 +292,10 @@ impl Gnp {
             futures: goals.iter().map(|list| list.iter().copied().map(straight).collect()).collect(),
             probabilities: vec![vec![1. / k as f32; k]; observations.len()],
         };
-        let drive = || self.drive(&self.situations(observations)?, &goals, None);
+        let drive = || {
+            let situations = self.situations(observations)?;
+            self.trained.thread.run(|| self.drive(&situations, &goals, None))
+        };
         self.on_threads(drive).map_err(|e| predict_error(self.name, e))
     }
 
@@ -348,8 +353,9 @@ impl Gnp {
         }
         self.on_threads(|| {
             let situations = self.situations(observations)?;
-            let goals = self.goals(&situations, k)?;
-            finite(self.drive(&situations, &goals, truths)?)
+            let forecasts =
+                self.trained.thread.run(|| self.drive(&situations, &self.goals(&situations, k)?, truths))?;
+            finite(forecasts)
         })
     }
 
@@ -537,7 +543,10 @@ impl Predictor for GoalHead {
         if observations.is_empty() {
             return Ok(Vec::new());
         }
-        let goals = || self.gnp.goals(&self.gnp.situations(observations)?, k);
+        let goals = || {
+            let situations = self.gnp.situations(observations)?;
+            self.gnp.trained.thread.run(|| self.gnp.goals(&situations, k))
+        };
         self.gnp.on_threads(goals).map(plain).and_then(finite).map_err(|e| predict_error(self.name(), e))
     }
 }

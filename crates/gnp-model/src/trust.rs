@@ -114,12 +114,15 @@ impl Gnp {
 
     /// The mean of all decoded futures of each window, in its frame, m: what is expected before any share of it is left out.
     fn expected(&self, situations: &[Situation<'_>]) -> Result<Vec<Vec<[f32; 2]>>, ModelError> {
-        let Trained { features, modes, centres, goal, device, .. } = &*self.trained;
-        let inputs = features.goal_inputs(situations, device)?;
-        let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, modes.len())?;
-        let futures = (goals.futures * features.config().length_scale)?.flatten_all()?.to_vec1::<f32>()?;
+        let Trained { features, modes, centres, goal, device, thread, .. } = &*self.trained;
+        let decode = || -> Result<_, ModelError> {
+            let inputs = features.goal_inputs(situations, device)?;
+            let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, modes.len())?;
+            let futures = (goals.futures * features.config().length_scale)?.flatten_all()?.to_vec1::<f32>()?;
+            Ok((futures, goals.probabilities.to_vec2::<f32>()?))
+        };
+        let (futures, probabilities) = thread.run(decode)?;
         let by_window = futures.chunks_exact(2 * features.shape().t_pred * modes.len());
-        let probabilities = goals.probabilities.to_vec2::<f32>()?;
         let mean = |(situation, (paths, probabilities)): (&Situation<'_>, (&[f32], &Vec<f32>))| {
             features.to_window_frame(situation, &mean_path(paths, probabilities))
         };

@@ -6,6 +6,7 @@ use std::path::Path;
 use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
 use gnp_data::{Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, Truth, Window, WindowShape};
+use gnp_nn::DeviceThread;
 
 use crate::checkpoint::{Checkpoint, Header};
 use crate::error::NeuralBaselineError;
@@ -32,6 +33,7 @@ pub struct TrainedBaseline {
     kind: NeuralBaseline,
     header: Header,
     net: Net,
+    thread: DeviceThread,
 }
 
 impl TrainedBaseline {
@@ -51,7 +53,7 @@ impl TrainedBaseline {
         let net = Net::new(header.kind, &header.recipe, header.reference.clone(), inputs, &vb).map_err(|e| {
             NeuralBaselineError::checkpoint(path, format!("does not hold this network ({e}): train again"))
         })?;
-        Ok(Self { kind: header.kind, header, net })
+        Ok(Self { kind: header.kind, header, net, thread: DeviceThread::of(device)? })
     }
 
     /// The same PiP network with plans of constant velocity instead of recorded ones.
@@ -97,6 +99,10 @@ impl TrainedBaseline {
     /// # Errors
     /// When the windows have another shape, or the network fails.
     pub fn nll(&self, windows: &[Window<'_>]) -> Result<Vec<f64>, PredictError> {
+        self.thread.run(|| self.nll_in_batches(windows))
+    }
+
+    fn nll_in_batches(&self, windows: &[Window<'_>]) -> Result<Vec<f64>, PredictError> {
         let mut all = Vec::with_capacity(windows.len());
         for windows in windows.chunks(BATCH) {
             let observations: Vec<Observation<'_>> = windows.iter().map(Window::observation).collect();
@@ -132,6 +138,10 @@ impl TrainedBaseline {
     /// The share of the mean deviation from the reference path with the least squared error over `windows`, each counted
     /// with its weight; `None` in the published form. It may only be asked before there is one.
     pub(crate) fn fitted_trust(&self, windows: &[(Window<'_>, f64)]) -> Result<Option<f64>, NeuralBaselineError> {
+        self.thread.run(|| self.least_squares_trust(windows))
+    }
+
+    fn least_squares_trust(&self, windows: &[(Window<'_>, f64)]) -> Result<Option<f64>, NeuralBaselineError> {
         let (mut product, mut square) = (0., 0.);
         for windows in windows.chunks(BATCH) {
             let seen: Vec<OrientedView<'_>> =
@@ -161,6 +171,15 @@ impl TrainedBaseline {
     }
 
     fn predict_with(
+        &self,
+        observations: &[Observation<'_>],
+        truths: Option<&[Truth<'_>]>,
+        k: usize,
+    ) -> Result<Vec<Forecast>, PredictError> {
+        self.thread.run(|| self.in_batches(observations, truths, k))
+    }
+
+    fn in_batches(
         &self,
         observations: &[Observation<'_>],
         truths: Option<&[Truth<'_>]>,

@@ -130,7 +130,10 @@ impl Stdan {
         let classes = probabilities(&logits)?;
         let intended = Tensor::cat(&[&classes.lateral, &classes.longitudinal], 1)?.unsqueeze(0)?;
         let intended = intended.broadcast_as((future, batch, 2 * MANOEUVRES))?;
-        let input = self.input.forward(&Tensor::cat(&[&mixed, &intended], 2)?)?;
+        let joined = Tensor::cat(&[&mixed, &intended], 2)?;
+        // It lies transposed, which products on a GPU do not take.
+        let joined = if joined.device().is_cpu() { joined } else { joined.contiguous()? };
+        let input = self.input.forward(&joined)?;
         let raw = self.head.forward(&self.decoder.states(&input)?)?.transpose(0, 1)?.contiguous()?;
         Ok(Said { raw, classes })
     }

@@ -1,12 +1,15 @@
 //! Dropout whose masks repeat: candle's own generator cannot be seeded.
 
-use candle_core::{Result, Tensor};
+use candle_core::{D, DType, Device, Result, Tensor};
+
+use crate::launch::LaunchCache;
 
 /// Inverted dropout with a generator of its own; one for a training run, none for inference.
 ///
 /// A mask is a hash of its number and the index of the value, not a stream: any thread can work out
 /// any part of it, in the forward pass and again in the backward pass, for a few instructions a
-/// value.
+/// value. On a GPU masks are made there, of other hashes: the same seed gives the same masks on every GPU, but not those
+/// of the CPU.
 #[derive(Clone, Debug)]
 pub struct Dropout {
     rate: f32,
@@ -70,19 +73,45 @@ impl DropoutMask {
         if self.is_none() {
             return Ok(x.clone());
         }
+        if x.device().is_cuda() {
+            let width = x.dim(D::Minus1)?;
+            return x * self.outer(x.elem_count() / width.max(1), width, x.device())?.reshape(x.shape())?;
+        }
         let mask: Vec<f32> = (0..x.elem_count()).map(|i| self.factor(i)).collect();
         x * Tensor::from_vec(mask, x.shape(), x.device())?
+    }
+
+    /// Factors `[rows, width]` made on `device`, to which only a key for each row and each column goes.
+    ///
+    /// The fraction of the product of two random numbers of many binary places is uniform, and independent of that of
+    /// any other pair. Each operation is exact or rounds once, so that every device gives the same bits.
+    fn outer(&self, rows: usize, width: usize, device: &Device) -> Result<Tensor> {
+        // Fewer would be kept for ever by a launch cache.
+        let count = (rows + width).max(LaunchCache::KEPT / size_of::<f64>() + 1);
+        let key = |i: usize| 1024. + f64::from(self.hash(i)) / f64::from(1 << 22);
+        let keys = Tensor::from_vec((0..count).map(key).collect::<Vec<f64>>(), count, device)?;
+        let (of_rows, of_columns) = (keys.narrow(0, 0, rows)?, keys.narrow(0, rows, width)?);
+        let product = of_rows.reshape((rows, 1))?.broadcast_mul(&of_columns.reshape((1, width))?)?;
+        let uniform = (&product - product.floor()?)?;
+        // 1 where the uniform number is above the rate, else 0.
+        let kept = (uniform - f64::from(self.dropped_below) / 4_294_967_296.)?.ceil()?;
+        kept.to_dtype(DType::F32)? * f64::from(self.kept)
     }
 
     /// What value `i` in row-major order is multiplied with: 0 or `1 / (1 - rate)`.
     #[must_use]
     #[inline(always)]
     pub fn factor(&self, i: usize) -> f32 {
+        if self.hash(i) < self.dropped_below { 0. } else { self.kept }
+    }
+
+    #[inline(always)]
+    fn hash(&self, i: usize) -> u32 {
         // The "lowbias32" mixer, keyed before and in the middle so that no mask is another, shifted.
         let mut x = (i as u32) ^ self.low;
         x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
         x = (x ^ (x >> 15)).wrapping_add(self.high).wrapping_mul(0x846c_a68b);
-        if (x ^ (x >> 16)) < self.dropped_below { 0. } else { self.kept }
+        x ^ (x >> 16)
     }
 }
 
@@ -97,7 +126,6 @@ fn splitmix(x: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use candle_core::{DType, Device};
 
     #[test]
     fn masks_repeat_with_the_seed_and_keep_the_mean() -> Result<()> {
@@ -110,19 +138,45 @@ mod tests {
         Ok(())
     }
 
+    /// Six masks of `rows * width` values each, in the form of CPUs and in that of GPUs.
+    fn masks(rate: f32, rows: usize, width: usize) -> [Vec<Vec<f32>>; 2] {
+        let mut dropout = Dropout::new(rate, 8);
+        let drawn: Vec<DropoutMask> = (0..6).map(|_| dropout.draw()).collect();
+        let outer = |mask: &DropoutMask| {
+            mask.outer(rows, width, &Device::Cpu).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
+        };
+        let each = |mask: &DropoutMask| (0..rows * width).map(|i| mask.factor(i)).collect();
+        [drawn.iter().map(each).collect(), drawn.iter().map(outer).collect()]
+    }
+
     #[test]
     fn masks_of_a_run_are_unrelated() {
-        let mut dropout = Dropout::new(0.5, 8);
-        let masks: Vec<DropoutMask> = (0..6).map(|_| dropout.draw()).collect();
-        let n = 40_000;
-        for (a, first) in masks.iter().enumerate() {
-            for second in &masks[a + 1..] {
-                let both = (0..n).filter(|i| first.factor(*i) > 0. && second.factor(*i) > 0.).count();
-                // A quarter, five standard deviations either way.
-                assert!((both as f64 - 10_000.).abs() < 5. * (n as f64 * 3. / 16.).sqrt(), "{both}");
+        let (rows, width) = (625, 64);
+        let n = rows * width;
+        for masks in masks(0.5, rows, width) {
+            for (a, first) in masks.iter().enumerate() {
+                for second in &masks[a + 1..] {
+                    let both = first.iter().zip(second).filter(|(a, b)| **a > 0. && **b > 0.).count();
+                    // A quarter, five standard deviations either way.
+                    assert!((both as f64 - 10_000.).abs() < 5. * (n as f64 * 3. / 16.).sqrt(), "{both}");
+                }
+                for apart in [1, width, width + 1, 7 * width] {
+                    let same = (apart..n).filter(|i| first[i - apart] == first[*i]).count() as f64;
+                    let expected = (n - apart) as f64 / 2.;
+                    assert!((same - expected).abs() < 5. * (n as f64 / 4.).sqrt(), "{apart} apart: {same}");
+                }
             }
-            let runs = (1..n).filter(|i| first.factor(i - 1) == first.factor(*i)).count();
-            assert!((runs as f64 - 20_000.).abs() < 5. * (n as f64 / 4.).sqrt(), "{runs}");
+        }
+    }
+
+    #[test]
+    fn the_dropped_share_is_the_rate_in_both_forms() {
+        for masks in masks(0.1, 400, 32) {
+            let (dropped, kept): (Vec<f32>, Vec<f32>) = masks.concat().into_iter().partition(|factor| *factor == 0.);
+            let share = dropped.len() as f64 / (dropped.len() + kept.len()) as f64;
+            // Five standard deviations of 76,800 draws.
+            assert!((share - 0.1).abs() < 0.0055, "{share}");
+            assert!(kept.iter().all(|factor| (factor - 1. / 0.9).abs() < 1e-6));
         }
     }
 

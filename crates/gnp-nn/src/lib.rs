@@ -19,14 +19,20 @@
 mod checkpoint;
 mod dropout;
 pub mod kernels;
+mod launch;
 mod layers;
 mod lstm;
+#[cfg(feature = "cuda")]
+mod replay;
 mod weights;
 
 pub use crate::checkpoint::Checkpoint;
 pub use crate::dropout::{Dropout, DropoutMask};
+pub use crate::launch::{DeviceThread, LaunchCache};
 pub use crate::layers::{LayerNorm, Linear, Mlp, layer_norm, linear};
 pub use crate::lstm::{Lstm, LstmState};
+#[cfg(feature = "cuda")]
+pub use crate::replay::Replay;
 pub use crate::weights::Weights;
 
 // Only to switch on AVX-512 in the matrix products that candle makes.

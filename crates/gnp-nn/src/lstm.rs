@@ -95,13 +95,15 @@ fn step(mut sums: Tensor, weight: &Tensor, state: Option<&LstmState>) -> Result<
     if let Some(state) = state {
         sums = (sums + state.h.matmul(&weight.t()?)?)?;
     }
-    let gate = |i: usize| sums.narrow(D::Minus1, i * hidden, hidden)?.contiguous();
-    let fresh = (candle_nn::ops::sigmoid(&gate(0)?)? * gate(2)?.tanh()?)?;
+    let part = |of: &Tensor, i: usize| of.narrow(D::Minus1, i * hidden, hidden);
+    // Of all four, though one has a tanh: a GPU waits for launches, not for values.
+    let open = candle_nn::ops::sigmoid(&sums)?;
+    let fresh = (part(&open, 0)? * part(&sums, 2)?.tanh()?)?;
     let c = match state {
-        Some(state) => (fresh + (candle_nn::ops::sigmoid(&gate(1)?)? * &state.c)?)?,
+        Some(state) => (fresh + (part(&open, 1)? * &state.c)?)?,
         None => fresh,
     };
-    let h = (candle_nn::ops::sigmoid(&gate(3)?)? * c.tanh()?)?;
+    let h = (part(&open, 3)? * c.tanh()?)?;
     Ok(LstmState { h, c })
 }
 

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use candle_core::{Device, Tensor, Var};
+use gnp_nn::LaunchCache;
 use rand::seq::SliceRandom;
 use rand::{Rng as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -115,7 +116,7 @@ impl<'a> Run<'a> {
         if weights.is_empty() {
             return Err(TrainError::NoWeights { stage: stage.name() });
         }
-        let adam = Adam::new(weights.clone(), config.weight_decay, config.clip_norm);
+        let adam = Adam::new(weights.clone(), config.weight_decay, config.clip_norm)?;
         let all = stage.train_len();
         let windows = if config.epoch_windows == 0 { all } else { config.epoch_windows.min(all) };
         Ok(Self { config, stage, weights, adam, progress, windows, warned: false })
@@ -260,6 +261,7 @@ impl<'a> Run<'a> {
         if !loss.is_finite() {
             return Err(self.diverged("the loss".to_owned(), loss.into(), batch));
         }
+        let _sent = LaunchCache::on(tensor.device());
         let step = self.adam.step(&tensor.backward()?, learning_rate)?;
         if !step.silent.is_empty() && !self.warned {
             warn!(stage = self.stage.name(), weights = ?step.silent, "the loss does not reach these weights");

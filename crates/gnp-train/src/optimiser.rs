@@ -10,6 +10,10 @@ use rayon::prelude::*;
 
 use crate::error::TrainError;
 
+mod flat;
+
+use flat::Flat;
+
 // Published defaults (Kingma and Ba 2015); both networks of the paper are trained with them.
 const BETA_1: f32 = 0.9;
 const BETA_2: f32 = 0.999;
@@ -17,11 +21,14 @@ const EPSILON: f32 = 1e-8;
 
 /// Adam with decoupled weight decay (Loshchilov and Hutter 2019; 0 is plain Adam).
 ///
-/// The arithmetic runs on the host, weights side by side, each by one thread in two passes: one for the norm, which adds up in
-/// name order, and one for everything else, in place. So a step gives the same bits on every number of threads.
+/// On the CPU weights are moved side by side, each by one thread in two passes: one for the norm, which adds up in name
+/// order, and one for everything else, in place; so a step gives the same bits on every number of threads. On a GPU it
+/// runs there, on all weights end to end, and the host waits for the gradient's norm alone.
 #[derive(Debug)]
 pub struct Adam {
     weights: BTreeMap<String, Moments>,
+    /// The moments where they are not on the host; those of `weights` are empty then.
+    flat: Option<Flat>,
     weight_decay: f64,
     clip_norm: f64,
     steps: u64,
@@ -46,14 +53,18 @@ pub struct Step {
 impl Adam {
     /// Adam for `weights`, all of type f32, with moments of 0. `clip_norm` 0 leaves gradients as
     /// they are.
-    #[must_use]
-    pub fn new(weights: BTreeMap<String, Var>, weight_decay: f64, clip_norm: f64) -> Self {
+    ///
+    /// # Errors
+    /// When the device of the weights has no room for the moments.
+    pub fn new(weights: BTreeMap<String, Var>, weight_decay: f64, clip_norm: f64) -> Result<Self, TrainError> {
+        let on_host = weights.values().all(|var| var.device().is_cpu());
+        let flat = if on_host { None } else { Some(Flat::new(weights.values())?) };
         let moments = |var: Var| {
-            let zeros = vec![0.; var.elem_count()];
+            let zeros = vec![0.; if on_host { var.elem_count() } else { 0 }];
             Moments { var, first: zeros.clone(), second: zeros }
         };
         let weights = weights.into_iter().map(|(name, var)| (name, moments(var))).collect();
-        Self { weights, weight_decay, clip_norm, steps: 0 }
+        Ok(Self { weights, flat, weight_decay, clip_norm, steps: 0 })
     }
 
     /// Steps taken.
@@ -68,6 +79,44 @@ impl Adam {
     /// [`TrainError::Gradient`] with the first weight whose gradient is not finite; then no weight
     /// has moved. [`TrainError::Tensor`] when a gradient cannot be read.
     pub fn step(&mut self, gradients: &GradStore, rate: f64) -> Result<Step, TrainError> {
+        let unreached =
+            |(name, weight): (&String, &Moments)| gradients.get(weight.var.as_tensor()).is_none().then(|| name.clone());
+        let silent: Vec<String> = self.weights.iter().filter_map(unreached).collect();
+        let gradient_norm = match &mut self.flat {
+            None => self.step_on_host(gradients, rate)?,
+            Some(flat) => {
+                let Some((gradient, norm)) =
+                    flat.gradient(self.weights.values().map(|weight| &weight.var), gradients)?
+                else {
+                    return Err(self.not_finite(gradients)?);
+                };
+                self.steps += 1;
+                let update = Update::new(self.steps, rate, self.weight_decay, scale(self.clip_norm, norm));
+                flat.step(self.weights.values().map(|weight| &weight.var), &gradient, &update)?;
+                norm
+            }
+        };
+        Ok(Step { gradient_norm, silent })
+    }
+
+    /// The error of the first weight whose gradient is not finite, or of the largest where only their norm is not.
+    fn not_finite(&self, gradients: &GradStore) -> Result<TrainError, TrainError> {
+        let mut largest = (0., String::new());
+        for (name, weight) in &self.weights {
+            let Some(gradient) = gradients.get(weight.var.as_tensor()) else { continue };
+            let square: f64 = host(gradient)?.iter().map(|g| f64::from(*g) * f64::from(*g)).sum();
+            if !square.is_finite() {
+                return Ok(TrainError::Gradient { weight: name.clone() });
+            }
+            if square > largest.0 {
+                largest = (square, name.clone());
+            }
+        }
+        Ok(TrainError::Gradient { weight: largest.1 })
+    }
+
+    /// A step on the host; the norm of the gradient.
+    fn step_on_host(&mut self, gradients: &GradStore, rate: f64) -> Result<f64, TrainError> {
         let mut weights: Vec<(&String, &mut Moments)> = self.weights.iter_mut().collect();
         let gradient = |weight: &Moments| gradients.get(weight.var.as_tensor()).map(on_host).transpose();
         let found: Vec<Option<Tensor>> =
@@ -83,20 +132,10 @@ impl Adam {
             return Err(TrainError::Gradient { weight: (*name).clone() });
         }
         let gradient_norm = squares.iter().sum::<f64>().sqrt();
-        let clipped = self.clip_norm > 0. && gradient_norm > self.clip_norm;
-        let silent = weights.iter().zip(&found).filter(|(_, gradient)| gradient.is_none());
-        let silent: Vec<String> = silent.map(|((name, _), _)| (*name).clone()).collect();
-
         self.steps += 1;
-        let bias = |beta: f32| 1. - f64::from(beta).powf(self.steps as f64);
-        let update = Update {
-            scale: if clipped { (self.clip_norm / gradient_norm) as f32 } else { 1. },
-            size: (rate / bias(BETA_1)) as f32,
-            root: bias(BETA_2).sqrt() as f32,
-            kept: (1. - rate * self.weight_decay) as f32,
-        };
+        let update = Update::new(self.steps, rate, self.weight_decay, scale(self.clip_norm, gradient_norm));
         weights.par_iter_mut().zip(&found).try_for_each(|((_, weight), gradient)| update.step(weight, gradient))?;
-        Ok(Step { gradient_norm, silent })
+        Ok(gradient_norm)
     }
 
     /// The first moments, then the second ones, under the names and in the shapes of the weights;
@@ -105,6 +144,10 @@ impl Adam {
     /// # Errors
     /// When candle cannot make a tensor.
     pub fn moments(&self) -> Result<[BTreeMap<String, Tensor>; 2], TrainError> {
+        if let Some(flat) = &self.flat {
+            let split = |of: Vec<Tensor>| self.weights.keys().cloned().zip(of).collect();
+            return Ok(flat.moments(self.weights.values().map(|weight| &weight.var))?.map(split));
+        }
         let collect = |of: fn(&Moments) -> &Vec<f32>| -> candle_core::Result<_> {
             let tensor = |weight: &Moments| Tensor::from_slice(of(weight), weight.var.shape(), &Device::Cpu);
             self.weights.iter().map(|(name, weight)| Ok((name.clone(), tensor(weight)?))).collect()
@@ -121,6 +164,13 @@ impl Adam {
             let read = |saved: &BTreeMap<String, Tensor>| matching(name, &weight.var, saved);
             let [first, second] = moments.map(read);
             (weight.first, weight.second) = (first?, second?);
+        }
+        if let Some(flat) = &mut self.flat {
+            let mut take = |of: fn(&mut Moments) -> &mut Vec<f32>| -> Vec<f32> {
+                self.weights.values_mut().flat_map(|weight| std::mem::take(of(weight))).collect()
+            };
+            let moments = [take(|weight| &mut weight.first), take(|weight| &mut weight.second)];
+            flat.restore(moments).map_err(|error| format!("the moments: {error}"))?;
         }
         self.steps = steps;
         Ok(())
@@ -139,6 +189,16 @@ struct Update {
 }
 
 impl Update {
+    fn new(steps: u64, rate: f64, weight_decay: f64, scale: f32) -> Self {
+        let bias = |beta: f32| 1. - f64::from(beta).powf(steps as f64);
+        Self {
+            scale,
+            size: (rate / bias(BETA_1)) as f32,
+            root: bias(BETA_2).sqrt() as f32,
+            kept: (1. - rate * weight_decay) as f32,
+        }
+    }
+
     /// One weight; a missing gradient counts as 0.
     fn step(self, weight: &mut Moments, gradient: &Option<Tensor>) -> candle_core::Result<()> {
         let Moments { var, first, second } = weight;
@@ -198,6 +258,11 @@ impl InplaceOp2 for InPlace<'_> {
     }
 }
 
+/// What shortens a gradient of this norm to `clip_norm`, if that is above 0 and the gradient is longer.
+fn scale(clip_norm: f64, gradient_norm: f64) -> f32 {
+    if clip_norm > 0. && gradient_norm > clip_norm { (clip_norm / gradient_norm) as f32 } else { 1. }
+}
+
 /// The values of the tensor that `saved` has for the weight `var`, if it has its shape.
 pub(crate) fn matching(name: &str, var: &Var, saved: &BTreeMap<String, Tensor>) -> Result<Vec<f32>, String> {
     let Some(tensor) = saved.get(name) else {
@@ -238,7 +303,7 @@ mod tests {
 
     fn adam(named: &[(&str, &Var)], weight_decay: f64, clip_norm: f64) -> Adam {
         let weights = named.iter().map(|(name, var)| ((*name).to_owned(), (*var).clone())).collect();
-        Adam::new(weights, weight_decay, clip_norm)
+        Adam::new(weights, weight_decay, clip_norm).unwrap()
     }
 
     fn assert_close(var: &Var, expected: &[f32]) {

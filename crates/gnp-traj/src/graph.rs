@@ -5,7 +5,7 @@ use std::sync::Arc;
 use candle_core::{Module, Result, Tensor};
 use candle_nn::ops::sigmoid;
 use gnp_force::{Arity, TermDescriptor};
-use gnp_nn::{Linear, Lstm, LstmState, Mlp};
+use gnp_nn::{LaunchCache, Linear, Lstm, LstmState, Mlp};
 
 use crate::network::{SocialForce, strength};
 use crate::roll_out::Sizes;
@@ -14,6 +14,7 @@ use crate::{Integrator, NeighbourStates, Phase, RollOut, RollOutBatch, TermRollO
 
 /// Rows are windows times goals; every tensor below has them first.
 pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes, phase: Phase) -> Result<RollOut> {
+    let _sent = LaunchCache::on(batch.observed.device());
     let (cfg, net, terms) = (&network.cfg, &network.net, &network.terms);
     let [encoder1, encoder2] = &net.history_encoders;
     let per_goal = |x: &Tensor| repeat(x, sizes.goals);
@@ -89,7 +90,10 @@ pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes
             force = (force + push.sum(1)?)?;
             let (rows, count, _) = push.dims3()?;
             let varying = term.descriptor.parameters.iter().zip(&term.parameters).filter(|(known, _)| known.varies);
-            let held = varying.map(|(_, value)| Tensor::full(*value, (rows, count), p.device()));
+            let held = varying.map(|(_, value)| {
+                let held = Tensor::full(*value, (rows, count), p.device())?;
+                present.map_or(Ok(held.clone()), |present| held * present)
+            });
             record.add(&term.descriptor, push, held.collect::<Result<_>>()?);
         }
         let faster = (&v + (force * batch.dt)?)?;

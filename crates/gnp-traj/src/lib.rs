@@ -34,6 +34,8 @@ mod fused;
 mod graph;
 mod laws;
 mod network;
+#[cfg(feature = "cuda")]
+mod recorded;
 mod roll_out;
 mod terms;
 mod weights;

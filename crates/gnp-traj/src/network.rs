@@ -8,6 +8,8 @@ use gnp_force::{ForceTerm, GoalAttraction, LineRepulsion, TermDescriptor, Vehicl
 use gnp_nn::{Linear, Lstm, LstmState, Mlp, linear};
 
 use crate::fused::Fused;
+#[cfg(feature = "cuda")]
+use crate::recorded;
 use crate::roll_out::Sizes;
 use crate::terms::FixedTerm;
 use crate::weights::{Builder, HistoryEncoder, Net};
@@ -22,7 +24,10 @@ pub struct SocialForce {
     pub(crate) terms: Terms,
     fused: Fused,
     /// In the order in which the fused roll-out lays them out.
-    weights: Vec<Tensor>,
+    pub(crate) weights: Vec<Tensor>,
+    /// The same in all copies of a network, which share its weights.
+    #[cfg(feature = "cuda")]
+    pub(crate) identity: Arc<()>,
 }
 
 /// The terms that act: those whose parameters the networks set, then the others.
@@ -117,7 +122,15 @@ impl SocialForce {
         let fused = Fused::new(cfg);
         let weight = |(name, shape): &(String, Vec<usize>)| vb.get(shape.as_slice(), name);
         let weights = fused.names().iter().map(weight).collect::<candle_core::Result<_>>()?;
-        Ok(Self { cfg: cfg.clone(), net, terms, fused, weights })
+        Ok(Self {
+            cfg: cfg.clone(),
+            net,
+            terms,
+            fused,
+            weights,
+            #[cfg(feature = "cuda")]
+            identity: Arc::default(),
+        })
     }
 
     /// The same networks with one more term of the force, which acts in every step of every phase with these values of
@@ -148,7 +161,15 @@ impl SocialForce {
     /// # Errors
     /// When the batch is incomplete or its shapes do not fit each other.
     pub fn roll_out(&self, batch: &RollOutBatch, phase: Phase) -> Result<Tensor, TrajError> {
-        self.roll_out_on(self.engine(batch, phase), batch, phase)
+        let engine = self.engine(batch, phase);
+        #[cfg(feature = "cuda")]
+        if engine == Engine::Graph {
+            let sizes = self.check(engine, batch, phase)?;
+            if let Some(path) = recorded::path(self, batch, sizes, phase)? {
+                return Ok(path);
+            }
+        }
+        self.roll_out_on(engine, batch, phase)
     }
 
     /// [`SocialForce::roll_out`] on an engine of the caller's choice.
@@ -215,7 +236,7 @@ impl SocialForce {
     }
 
     /// The same networks on weights that ask for no gradient.
-    fn detached(&self) -> Result<Self, TrajError> {
+    pub(crate) fn detached(&self) -> Result<Self, TrajError> {
         if self.fused.is_frozen() { Ok(self.clone()) } else { self.with_weights(|weight| Ok(weight.detach())) }
     }
 
@@ -225,7 +246,13 @@ impl SocialForce {
         let weights = named.map(|((name, _), weight)| Ok((name.clone(), f(weight)?)));
         let weights = weights.collect::<candle_core::Result<_>>()?;
         let vb = VarBuilder::from_tensors(weights, self.weights[0].dtype(), self.weights[0].device());
-        Ok(Self { fused: self.fused.clone(), terms: self.terms.clone(), ..Self::new(&self.cfg, vb)? })
+        Ok(Self {
+            fused: self.fused.clone(),
+            terms: self.terms.clone(),
+            #[cfg(feature = "cuda")]
+            identity: self.identity.clone(),
+            ..Self::new(&self.cfg, vb)?
+        })
     }
 
     /// The field of the batch that the fused roll-out cannot serve, and why.

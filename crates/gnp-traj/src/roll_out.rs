@@ -106,7 +106,7 @@ pub struct TermRollOut {
     /// and entries. Sources are 1, the neighbour slots or the lines.
     pub forces: Tensor,
     /// Each parameter that varies, as [`TermDescriptor::varying`] lists them, as many values as forces
-    /// `[batch, goals, steps, sources]`; 0 in empty slots where a network sets it.
+    /// `[batch, goals, steps, sources]`; 0 in empty slots.
     pub parameters: Vec<Tensor>,
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use candle_core::{CpuStorage, CustomOp2, Device, Layout, Result, Shape, Tensor};
 use gnp_force::na::{Point2, Vector2};
 use gnp_force::{Arity, ForceTerm, MarkingKind, Side, Source, State, TermDescriptor};
+use gnp_nn::LaunchCache;
 use serde::{Deserialize, Serialize};
 
 use crate::TrajError;
@@ -74,9 +75,20 @@ impl FixedTerm {
     ) -> Result<Tensor> {
         let present = present.map(|present| present.flatten_all()?.to_vec1::<f32>()).transpose()?;
         let act = Act { term: self.clone(), present, time_left: time_left as f32 };
-        let cpu = |x: &Tensor| x.to_device(&Device::Cpu)?.contiguous();
-        cpu(state)?.apply_op2(&cpu(sources)?, act)?.to_device(state.device())
+        let cpu = |x: &Tensor| moved(x, &Device::Cpu);
+        moved(&cpu(state)?.apply_op2(&cpu(sources)?, act)?, state.device())
     }
+}
+
+/// `x` on `device`, contiguous; what moves, and its gradient, is longer than what a launch cache would keep.
+fn moved(x: &Tensor, device: &Device) -> Result<Tensor> {
+    if x.device().same_device(device) {
+        return x.contiguous();
+    }
+    let (flat, count) = (x.flatten_all()?, x.elem_count());
+    let rest = (LaunchCache::KEPT / size_of::<f32>() + 1).saturating_sub(count);
+    let long = if rest > 0 { flat.pad_with_zeros(0, 0, rest)? } else { flat };
+    long.to_device(device)?.narrow(0, 0, count)?.reshape(x.shape())
 }
 
 /// A goal, a vehicle or a line from the numbers that stand for it in a tensor.

@@ -1,6 +1,7 @@
 //! Both networks at the published sizes on random windows, as the reference programs in `peer/` have them.
 
 use anyhow::Result;
+use candle_core::backprop::GradStore;
 use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
 use gnp_data::SLOTS;
@@ -36,42 +37,43 @@ pub(super) const HIGHD: Lengths = Lengths { name: "highd", observed: 75, predict
 pub(super) struct Twice<N> {
     learning: N,
     constant: N,
+    weights: Weights,
 }
 
 impl<N> Twice<N> {
-    fn new(build: impl Fn(VarBuilder<'static>) -> Result<N>) -> Result<Self> {
-        let weights = Weights::seeded(1, &Device::Cpu);
+    fn new(device: &Device, build: impl Fn(VarBuilder<'static>) -> Result<N>) -> Result<Self> {
+        let weights = Weights::seeded(1, device);
         let learning = build(weights.builder())?;
         let named = weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach()));
-        let constant = build(VarBuilder::from_tensors(named.collect(), DType::F32, &Device::Cpu))?;
-        Ok(Self { learning, constant })
+        let constant = build(VarBuilder::from_tensors(named.collect(), DType::F32, device))?;
+        Ok(Self { learning, constant, weights })
     }
 }
 
-/// Random numbers with a seed.
+/// Random numbers with a seed, on a device.
 #[derive(Debug)]
-struct Draw(ChaCha8Rng);
+struct Draw(ChaCha8Rng, Device);
 
 impl Draw {
-    fn new() -> Self {
-        Self(ChaCha8Rng::seed_from_u64(1))
+    fn new(device: &Device) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(1), device.clone())
     }
 
     /// As wide as a normal distribution of standard deviation `size`.
     fn values(&mut self, shape: &[usize], size: f32) -> Result<Tensor> {
         let half = size * 3f32.sqrt();
         let values: Vec<f32> = (0..shape.iter().product()).map(|_| self.0.random_range(-half..half)).collect();
-        Ok(Tensor::from_vec(values, shape, &Device::Cpu)?)
+        Ok(Tensor::from_vec(values, shape, &self.1)?)
     }
 
     fn present(&mut self, windows: usize) -> Result<Tensor> {
         let taken = (0..windows * SLOTS).map(|_| if self.0.random_bool(PRESENT) { 1f32 } else { 0. });
-        Ok(Tensor::from_vec(taken.collect(), (windows, SLOTS), &Device::Cpu)?)
+        Ok(Tensor::from_vec(taken.collect(), (windows, SLOTS), &self.1)?)
     }
 
     fn indices(&mut self, shape: (usize, usize), below: usize) -> Result<Tensor> {
         let values: Vec<u32> = (0..shape.0 * shape.1).map(|_| self.0.random_range(0..below as u32)).collect();
-        Ok(Tensor::from_vec(values, shape, &Device::Cpu)?)
+        Ok(Tensor::from_vec(values, shape, &self.1)?)
     }
 }
 
@@ -86,8 +88,12 @@ pub(super) struct Traj {
 
 impl Traj {
     pub(super) fn new(lengths: Lengths, windows: usize) -> Result<Self> {
+        Self::on(&Device::Cpu, lengths, windows)
+    }
+
+    pub(super) fn on(device: &Device, lengths: Lengths, windows: usize) -> Result<Self> {
         let Lengths { observed, predicted, dt, .. } = lengths;
-        let mut draw = Draw::new();
+        let mut draw = Draw::new(device);
         let one = RollOutBatch {
             observed: draw.values(&[windows, observed, 4], 1.)?,
             goals: (draw.values(&[windows, 1, 2], 1.)? + 100.)?,
@@ -101,13 +107,24 @@ impl Traj {
         };
         let many = RollOutBatch { goals: (draw.values(&[windows, GOALS, 2], 1.)? + 100.)?, ..one.clone() };
         let truth = draw.values(&[windows, 1, predicted, 2], 1.)?;
-        let network = Twice::new(|vb| Ok(SocialForce::new(&TrajConfig::published(), vb)?))?;
+        let network = Twice::new(device, |vb| Ok(SocialForce::new(&TrajConfig::published(), vb)?))?;
         Ok(Self { network, one, many, truth })
     }
 
     pub(super) fn forward(&self, engine: Engine) -> Result<()> {
-        self.network.constant.roll_out_on(engine, &self.one, Phase::Full)?;
-        Ok(())
+        self.path(Some(engine)).map(drop)
+    }
+
+    /// As predictions have it where no engine is named.
+    pub(super) fn path(&self, engine: Option<Engine>) -> Result<Tensor> {
+        self.roll_out(&self.network.constant, engine)
+    }
+
+    fn roll_out(&self, network: &SocialForce, engine: Option<Engine>) -> Result<Tensor> {
+        Ok(match engine {
+            Some(engine) => network.roll_out_on(engine, &self.one, Phase::Full)?,
+            None => network.roll_out(&self.one, Phase::Full)?,
+        })
     }
 
     /// To [`GOALS`] goals a window.
@@ -118,9 +135,20 @@ impl Traj {
 
     /// The gradient of the mean squared error in every weight.
     pub(super) fn train(&self, engine: Engine) -> Result<()> {
-        let path = self.network.learning.roll_out_on(engine, &self.one, Phase::Full)?;
-        (path - &self.truth)?.sqr()?.mean_all()?.backward()?;
-        Ok(())
+        self.gradients(Some(engine)).map(drop)
+    }
+
+    /// As training has them where no engine is named.
+    pub(super) fn gradients(&self, engine: Option<Engine>) -> Result<Vec<Tensor>> {
+        let path = self.roll_out(&self.network.learning, engine)?;
+        Ok(self.network.of_weights(&(path - &self.truth)?.sqr()?.mean_all()?.backward()?))
+    }
+}
+
+impl<N> Twice<N> {
+    /// The gradients of all weights.
+    fn of_weights(&self, all: &GradStore) -> Vec<Tensor> {
+        self.weights.named().values().filter_map(|weight| all.get(weight).cloned()).collect()
     }
 }
 
@@ -140,6 +168,10 @@ pub(super) struct Goal {
 
 impl Goal {
     pub(super) fn new(lengths: Lengths, windows: usize) -> Result<Self> {
+        Self::on(&Device::Cpu, lengths, windows)
+    }
+
+    pub(super) fn on(device: &Device, lengths: Lengths, windows: usize) -> Result<Self> {
         let Lengths { observed, predicted, modes, .. } = lengths;
         let config = GoalConfig {
             width: 64,
@@ -154,9 +186,13 @@ impl Goal {
             zero_start: false,
         };
         let shape = GoalShape { observed: 4 * observed, neighbour: 4 * observed, slots: SLOTS, t_pred: predicted };
-        let fused = Twice::new(|vb| Ok(GoalNet::new(&config, shape, vb)?))?;
-        let graph = Twice { learning: fused.learning.clone().as_graph(), constant: fused.constant.clone().as_graph() };
-        let mut draw = Draw::new();
+        let fused = Twice::new(device, |vb| Ok(GoalNet::new(&config, shape, vb)?))?;
+        let graph = Twice {
+            learning: fused.learning.clone().as_graph(),
+            constant: fused.constant.clone().as_graph(),
+            weights: fused.weights.clone(),
+        };
+        let mut draw = Draw::new(device);
         Ok(Self {
             fused,
             graph,
@@ -179,19 +215,28 @@ impl Goal {
 
     /// With [`GOALS`] goals a window.
     pub(super) fn forward(&self, engine: Engine) -> Result<()> {
+        self.futures(engine).map(drop)
+    }
+
+    pub(super) fn futures(&self, engine: Engine) -> Result<Tensor> {
         let network = &self.network(engine).constant;
-        network.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &self.many, None)?;
-        Ok(())
+        let output = network.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &self.many, None)?;
+        Ok(output.futures)
     }
 
     /// The gradient of the loss in every weight, with one goal a window.
     pub(super) fn train(&self, engine: Engine) -> Result<()> {
-        let network = &self.network(engine).learning;
-        let output = network.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &self.one, None)?;
+        self.gradients(engine).map(drop)
+    }
+
+    pub(super) fn gradients(&self, engine: Engine) -> Result<Vec<Tensor>> {
+        let network = self.network(engine);
+        let output =
+            network.learning.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &self.one, None)?;
         let soft = candle_nn::ops::softmax(&output.logits.detach(), 1)?;
         let labels = Labels { soft, nearest: output.indices.clone() };
-        goal_loss(&output, &self.truth, &labels, LossWeights { alpha: 0.5, mean: 0. })?.total.backward()?;
-        Ok(())
+        let loss = goal_loss(&output, &self.truth, &labels, LossWeights { alpha: 0.5, mean: 0. })?;
+        Ok(network.of_weights(&loss.total.backward()?))
     }
 }
 
@@ -216,7 +261,7 @@ mod tests {
 
     #[test]
     fn about_the_share_of_slots_is_taken() -> Result<()> {
-        let taken = Draw::new().present(1000)?.mean_all()?.to_scalar::<f32>()?;
+        let taken = Draw::new(&Device::Cpu).present(1000)?.mean_all()?.to_scalar::<f32>()?;
         assert!((f64::from(taken) - PRESENT).abs() < 0.03, "{taken}");
         Ok(())
     }

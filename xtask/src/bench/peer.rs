@@ -5,10 +5,14 @@ use gnp_cli::Terminal;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::fs;
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
+use serde::de::DeserializeOwned;
 
 use crate::project;
 
@@ -32,6 +36,19 @@ impl Python {
     pub(super) fn prepare(terminal: &Terminal) -> Result<Self> {
         let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| project::root().join("target"), PathBuf::from);
         Self::prepare_at(&target.join("peer-venv"), "python3", terminal)
+    }
+
+    /// `python` as it is where that is named, else as [`Python::prepare`].
+    ///
+    /// # Errors
+    /// When it cannot be started, or those of [`Python::prepare`].
+    pub(super) fn find(python: Option<&Path>, terminal: &Terminal) -> Result<Self> {
+        let Some(python) = python else { return Self::prepare(terminal) };
+        let version = Command::new(python).arg("--version").output();
+        if !version.is_ok_and(|output| output.status.success()) {
+            bail!("--python {} cannot be started; give the file of a Python with PyTorch and JAX", python.display());
+        }
+        Ok(Self { program: python.to_owned() })
     }
 
     fn prepare_at(folder: &Path, python: &str, terminal: &Terminal) -> Result<Self> {
@@ -63,18 +80,65 @@ impl Python {
         Ok(made)
     }
 
+    /// Runs one of the programs and calls `line` with each line it prints, as it comes; ends it at `end`, without an error.
+    ///
+    /// # Errors
+    /// When the program fails.
+    pub(super) fn follow(
+        &self,
+        program: &str,
+        arguments: &[String],
+        end: Instant,
+        mut line: impl FnMut(&str),
+    ) -> Result<()> {
+        let mut child =
+            self.command(program, arguments).stdout(Stdio::piped()).spawn().with_context(|| self.cannot_start())?;
+        let (sender, lines) = mpsc::channel();
+        let output = child.stdout.take();
+        let reader = std::thread::spawn(move || {
+            for line in output.into_iter().flat_map(|output| BufReader::new(output).lines().map_while(Result::ok)) {
+                // Nobody listens any more once the time is over.
+                let _ = sender.send(line);
+            }
+        });
+        let over = loop {
+            match lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+                Ok(text) => line(&text),
+                Err(RecvTimeoutError::Timeout) => break true,
+                Err(RecvTimeoutError::Disconnected) => break false,
+            }
+        };
+        if over {
+            child.kill().with_context(|| format!("cannot end {program}"))?;
+        }
+        let status = child.wait()?;
+        let _ = reader.join();
+        if !over && !status.success() {
+            bail!("{program} failed ({status}); see its message above");
+        }
+        Ok(())
+    }
+
+    fn command(&self, program: &str, arguments: &[String]) -> Command {
+        let mut command = Command::new(&self.program);
+        // The programs leave no compiled copy of themselves beside them.
+        command.arg("-B").arg(project::root().join("xtask/peer").join(program)).args(arguments);
+        command.stdin(Stdio::null()).stderr(Stdio::inherit());
+        // What suits this program is not for others.
+        gnp_cli::variables(1).iter().for_each(|(name, _)| _ = command.env_remove(name));
+        command
+    }
+
+    fn cannot_start(&self) -> String {
+        format!("cannot start {}", self.program.display())
+    }
+
     /// Runs one of the programs; its last line is what it measured.
     ///
     /// # Errors
     /// When the program fails or prints something else.
-    pub(super) fn measure(&self, program: &str, arguments: &[String]) -> Result<Milliseconds> {
-        let path = project::root().join("xtask/peer").join(program);
-        let mut command = Command::new(&self.program);
-        // The programs leave no compiled copy of themselves beside them.
-        command.arg("-B").arg(&path).args(arguments).stdin(Stdio::null()).stderr(Stdio::inherit());
-        // What suits this program is not for others.
-        gnp_cli::variables(1).iter().for_each(|(name, _)| _ = command.env_remove(name));
-        let output = command.output().with_context(|| format!("cannot start {}", self.program.display()))?;
+    pub(super) fn measure<T: DeserializeOwned>(&self, program: &str, arguments: &[String]) -> Result<T> {
+        let output = self.command(program, arguments).output().with_context(|| self.cannot_start())?;
         if !output.status.success() {
             bail!("{program} failed ({}); see its message above", output.status);
         }
@@ -95,20 +159,23 @@ fn run(command: &mut Command) -> Result<()> {
 }
 
 /// Reads the last line that is not empty.
-fn parse(text: &str) -> Result<Milliseconds> {
+fn parse<T: DeserializeOwned>(text: &str) -> Result<T> {
     let line = text.lines().rfind(|line| !line.trim().is_empty()).unwrap_or_default();
     Ok(serde_json::from_str(line)?)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]
     fn the_last_line_counts() {
-        let read = parse("a warning\n{\"ngsim.traj.train\": 18.6}\n\n").unwrap();
+        let read: Milliseconds = parse("a warning\n{\"ngsim.traj.train\": 18.6}\n\n").unwrap();
         assert_eq!(read, BTreeMap::from([("ngsim.traj.train".to_owned(), 18.6)]));
-        assert!(parse("").is_err() && parse("{\"x\": \"slow\"}").is_err());
+        let refused = |text| parse::<Milliseconds>(text).is_err();
+        assert!(refused("") && refused("{\"x\": \"slow\"}"));
     }
 
     #[test]
@@ -117,6 +184,33 @@ mod tests {
         let terminal = Terminal::start(true, false, &gnp_cli::Program::default());
         let error = Python::prepare_at(&folder.path().join("venv"), "no-such-python", &terminal).unwrap_err();
         assert!(error.to_string().contains("no-such-python") && error.to_string().contains("install"), "{error}");
+    }
+
+    #[test]
+    fn a_named_python_is_taken_as_it_is_or_refused() {
+        let terminal = Terminal::start(true, false, &gnp_cli::Program::default());
+        let error = Python::find(Some(Path::new("no-such-python")), &terminal).unwrap_err();
+        assert!(error.to_string().contains("--python no-such-python"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn lines_are_read_as_they_come_and_a_program_ends_with_its_time() {
+        let folder = tempfile::tempdir().unwrap();
+        // Takes the option of Python, and is quicker to start.
+        let python = Python { program: "bash".into() };
+        let follow = |text: &str, seconds: u64| {
+            let (program, mut seen) = (folder.path().join("program"), Vec::new());
+            fs::write(&program, text).unwrap();
+            let (begun, end) = (Instant::now(), Instant::now() + Duration::from_secs(seconds));
+            let done =
+                python.follow(program.to_str().unwrap(), &["x".to_owned()], end, |line| seen.push(line.to_owned()));
+            assert!(begun.elapsed() < Duration::from_secs(20), "{text} went on");
+            (seen, done.map_err(|error| error.to_string()))
+        };
+        assert_eq!(follow("echo $1; echo b", 30), (vec!["x".to_owned(), "b".to_owned()], Ok(())));
+        assert_eq!(follow("echo a; exec sleep 30", 2), (vec!["a".to_owned()], Ok(())));
+        assert!(follow("exit 3", 30).1.unwrap_err().contains("failed"));
     }
 
     #[cfg(unix)]

@@ -3,6 +3,7 @@
 use gnp::Progress as _;
 use gnp_cli::Terminal;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use anyhow::Result;
 use gnp_traj::Engine;
@@ -18,7 +19,7 @@ use crate::cli::BenchArgs;
 const REPEATS: usize = 3;
 
 /// What is measured, and beside whom.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Plan {
     threads: usize,
     windows: usize,
@@ -26,11 +27,13 @@ pub(super) struct Plan {
     /// PyTorch and JAX, too.
     peers: bool,
     json: bool,
+    python: Option<PathBuf>,
 }
 
 impl Plan {
     pub(super) fn new(threads: usize, args: &BenchArgs) -> Self {
-        Self { threads, windows: args.windows, rounds: args.rounds, peers: args.against_torch, json: args.json }
+        let (windows, rounds, json, python) = (args.windows, args.rounds, args.json, args.python.clone());
+        Self { threads, windows, rounds, peers: args.against_torch, json, python }
     }
 }
 
@@ -71,8 +74,8 @@ impl Rounds {
 /// # Errors
 /// When a network fails or a reference program cannot be run.
 pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
-    let Plan { threads, windows, rounds, peers, json } = *plan;
-    let python = if peers { Some(Python::prepare(terminal)?) } else { None };
+    let &Plan { threads, windows, rounds, peers, json, .. } = plan;
+    let python = if peers { Some(Python::find(plan.python.as_deref(), terminal)?) } else { None };
     let load = load();
     let pool = pool(threads)?;
     let [mut ours, mut torch, mut jax] = [Rounds::default(), Rounds::default(), Rounds::default()];

@@ -159,6 +159,7 @@ fn joint_neighbours_get_the_gradient_of_a_term() -> Outcome {
 fn terms_are_reported_and_add_up_to_the_acceleration() -> Outcome {
     let (network, _) = with_terms(&small())?;
     let batch = scene(3, 2, 42)?;
+    let mut all_held = Vec::new();
     for engine in [Engine::Graph, Engine::Fused] {
         let out = network.roll_out_explained_on(engine, &batch, Phase::Full)?;
         let names: Vec<&str> = out.terms.iter().map(|term| &*term.term.name).collect();
@@ -167,6 +168,7 @@ fn terms_are_reported_and_add_up_to_the_acceleration() -> Outcome {
         assert!(out.terms[3].parameters.is_empty(), "what does not vary is not reported");
         let held = values(out.terms[4].parameter("c").ok_or("no c")?)?;
         assert!(held.iter().all(|&c| c == 0.4 || c == 0.) && held.contains(&0.4), "{held:?}");
+        all_held.push(held);
         let mut force = out.path.zeros_like()?;
         for term in &out.terms {
             force = (force + term.forces.sum(3)?)?;
@@ -176,6 +178,7 @@ fn terms_are_reported_and_add_up_to_the_acceleration() -> Outcome {
         let acceleration = ((&out.velocity - before)? / batch.dt)?;
         assert_close("force", &values(&force)?, &values(&acceleration)?, 1e-4);
     }
+    assert_eq!(all_held[0], all_held[1], "0 in empty slots");
     Ok(())
 }
 
