@@ -32,6 +32,9 @@ const GROUPS: usize = 16;
 /// once more before they go backward. Also what waits for the next batch at most.
 const KEPT_VALUES: usize = 1 << 26;
 
+/// Values of the gradients that groups make side by side, as far as there are still a group for each thread.
+const SHARED_VALUES: usize = 1 << 24;
+
 /// Weights whose gradients are added up at once.
 const BLOCK: usize = 1 << 13;
 
@@ -40,11 +43,12 @@ const BLOCK: usize = 1 << 13;
 pub(crate) struct Memory {
     pool: Arc<Pool>,
     kept_values: usize,
+    shared_values: usize,
 }
 
 impl Default for Memory {
     fn default() -> Self {
-        Self { pool: Arc::default(), kept_values: KEPT_VALUES }
+        Self { pool: Arc::default(), kept_values: KEPT_VALUES, shared_values: SHARED_VALUES }
     }
 }
 
@@ -240,12 +244,15 @@ impl Operation {
         let (group, pool, count) = (self.group(), &self.memory.pool, given.weights.len());
         let mut left = std::mem::take(&mut *self.left());
         left.resize_with(self.batch, || None);
-        let groups: Vec<GroupGradients> = left
-            .par_chunks_mut(group)
-            .enumerate()
-            .map(|(g, left)| {
+        let size = count + modes * width;
+        let side_by_side = (self.memory.shared_values / size).max(rayon::current_num_threads()).min(GROUPS);
+        let mut sum = vec![0f32; size];
+        let (mut d_observed, mut d_keys) = (Vec::new(), Vec::new());
+        for (wave, left) in left.chunks_mut(group * side_by_side).enumerate() {
+            let groups = left.par_chunks_mut(group).enumerate().map(|(g, left)| {
+                let g = wave * side_by_side + g;
                 let mut room = pool.take(self.shape.room_values());
-                let mut shared = pool.take(count + modes * width);
+                let mut shared = pool.take(size);
                 shared.fill(0.);
                 let (d_weights, d_modes) = shared.split_at_mut(count);
                 let mut d = Gradients::of_mut(d_weights, &self.shape);
@@ -273,22 +280,22 @@ impl Operation {
                 }
                 self.memory.give([room]);
                 GroupGradients { shared, observed: d_observed, keys: d_keys }
-            })
-            .collect();
-        let mut shared = vec![0f32; count + modes * width];
-        shared.par_chunks_mut(BLOCK).enumerate().for_each(|(i, sum)| {
-            for group in &groups {
-                add_rows(sum, &group.shared[i * BLOCK..][..sum.len()]);
+            });
+            let groups: Vec<GroupGradients> = groups.collect();
+            sum.par_chunks_mut(BLOCK).enumerate().for_each(|(i, sum)| {
+                for group in &groups {
+                    add_rows(sum, &group.shared[i * BLOCK..][..sum.len()]);
+                }
+            });
+            for group in groups {
+                d_observed.extend(group.observed);
+                d_keys.extend(group.keys);
+                self.memory.give([group.shared]);
             }
-        });
-        let mut d_tokens = shared.split_off(count);
-        let mut d_keys = Vec::with_capacity(given.keys.len());
-        for group in groups {
-            d_tokens.extend(group.observed);
-            d_keys.extend(group.keys);
-            self.memory.give([group.shared]);
         }
-        [d_tokens, d_keys, shared]
+        let mut d_tokens = sum.split_off(count);
+        d_tokens.extend(d_observed);
+        [d_tokens, d_keys, sum]
     }
 }
 

@@ -48,6 +48,10 @@ const OCCUPIED: f64 = 5.;
 const LINES: f64 = 6.;
 /// Values of a tape that the roll-out keeps for its gradient at most.
 const TAPE: f64 = (1u64 << 28) as f64;
+/// Values that the goal network keeps for its gradient at most.
+const GOAL_TAPE: f64 = (1u64 << 26) as f64;
+/// Values of its weights' gradients that groups of windows make side by side, as far as every thread has a group.
+const SHARED: f64 = (1u64 << 24) as f64;
 /// Copies of the weights in a training: themselves, gradients, Adam's moments, the checkpoint being written.
 const COPIES: f64 = 11.;
 /// Sums of gradients that exist at a time, so that they add up in the same order on any number of threads.
@@ -228,16 +232,17 @@ fn goal(config: &RunConfig, shape: WindowShape, counts: Option<Counts>) -> Vec<P
     let net = &config.goal.net;
     let batch = in_batch(config.goal.train.batch, counts);
     let weights = net.weights(&goal_shape(config, shape)) as f64;
-    let groups = batch.min(GROUPS) + 3.;
+    let groups = (SHARED / weights).max(rayon::current_num_threads() as f64).min(batch.min(GROUPS)) + 3.;
     let (modes, path) = (config.modes.modes as f64, 2. * shape.t_pred as f64);
-    // The tokens after each layer stay for the gradient, and the futures of all modes where the loss sees all.
-    let tokens = batch * modes * net.width as f64 * (net.layers as f64 + 8.);
+    // What each layer works out stays for the gradient, and the futures of all modes where the loss sees all.
+    let kept = (net.layers + 1) as f64 * modes * ((6 + net.feed_forward) * net.width + 2 * net.heads) as f64;
+    let tokens = (batch * kept).min(GOAL_TAPE) + batch * modes * net.width as f64 * 8.;
     let decoded = if config.goal.loss.mean_weight > 0. { modes } else { 1. };
     let futures = batch * (decoded * 9. + modes) * path;
     vec![
         Part {
             what: "weights of the goal network, with gradients and moments",
-            bytes: F32 * (weights * COPIES + net.layer_weights() as f64 * groups),
+            bytes: F32 * weights * (COPIES + groups),
             keys: "goal.width, goal.layers, goal.feed_forward",
         },
         Part {
@@ -252,7 +257,7 @@ fn goal(config: &RunConfig, shape: WindowShape, counts: Option<Counts>) -> Vec<P
 fn work(net: &GoalConfig, modes: f64) -> f64 {
     let threads = rayon::current_num_threads() as f64;
     let (width, hidden) = (net.width as f64, (net.width * net.feed_forward) as f64);
-    threads * F32 * modes * (14. * width + 2. * hidden + 2. * net.heads as f64 * modes)
+    threads * F32 * modes * (15. * width + 2. * hidden + 64.)
 }
 
 fn force(config: &RunConfig, shape: WindowShape, counts: Option<Counts>) -> Vec<Part> {

@@ -160,6 +160,10 @@ fn what_is_not_kept_is_made_again_to_the_last_bit() {
             case.net.memory.kept_values = values;
             assert_eq!(case.run(&case.net, &pick), kept);
         }
+        // One group of windows at a time instead of all.
+        case.net.memory.shared_values = 0;
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(one.install(|| case.run(&case.net, &pick)), kept);
     }
 }
 
