@@ -1,5 +1,6 @@
 //! The project's checks, cheapest first; `.ci/run` and README call this.
 
+pub(crate) mod aarch64;
 mod dependant;
 pub(crate) mod features;
 mod supply;
@@ -109,7 +110,7 @@ const RERUN: [Step<'_>; 3] = [
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
 /// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
-/// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
+/// the tests of kernels and networks on emulated 64-bit ARM, the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
 /// minute of each fuzzing target, with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors
@@ -122,6 +123,7 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     features::run(root, features::Extent::Short, terminal)?;
     dependant::run(root, terminal)?;
     step(root, terminal, &PACKAGE)?;
+    aarch64::short(root, terminal)?;
     within(terminal, "bench", "--check --quick", || bench::check(bench::Profile::Quick, terminal))?;
     within(terminal, "determinism", "--threads-only", || determinism::threads(terminal))?;
     within(terminal, "torture", "", || torture::once(terminal))?;

@@ -61,7 +61,7 @@ Examples:
 
 Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something, 2 wrong use.")]
     Fuzz(FuzzArgs),
-    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, ratios of times, determinism, crashes, fuzzing, tests.
+    /// Run the project's checks: format, tidy, supply chain, clippy, docs, features, packages, 64-bit ARM, ratios of times, determinism, crashes, fuzzing, tests.
     Ci {
         /// Also check and test what writes files for the Rerun viewer; the first time that compiles for many minutes.
         #[arg(long)]
@@ -69,6 +69,11 @@ Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something,
     },
     /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
     Features,
+    /// Build physics, kernels, networks and modes for 64-bit ARM and run their tests in an emulator; takes minutes.
+    #[command(after_help = "\
+Needs Debian's gcc-aarch64-linux-gnu and qemu-user, and the standard library of the target: `rustup target add
+aarch64-unknown-linux-gnu`, or the compiler that xtask/aarch64/toolchain.sh fetches, named by GNP_AARCH64_RUSTC.")]
+    Aarch64,
     /// Kill runs, fill their disk, damage their files, let two at one folder; go on, and compare with an undisturbed run byte for byte.
     #[command(after_help = "\
 Examples:

@@ -60,30 +60,28 @@ enum Instructions {
     Avx512,
     /// 256 bits, with fused multiply-add.
     Avx2,
-    /// 128 bits, without.
+    /// 128 bits, with fused multiply-add.
+    Neon,
+    /// 128 bits, without; the compiler's own vectors.
     Sse,
 }
 
 impl Instructions {
-    /// As code that chooses at run time finds it.
-    fn here() -> Option<Self> {
-        #[cfg(target_arch = "x86_64")]
-        {
-            let has_avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
-            Some(match is_x86_feature_detected!("avx512f") {
-                true if has_avx2 => Self::Avx512,
-                false if has_avx2 => Self::Avx2,
-                _ => Self::Sse,
-            })
+    /// What the kernels find at run time.
+    fn here() -> Self {
+        match gnp_nn::kernels::lanes() {
+            16 => Self::Avx512,
+            8 => Self::Avx2,
+            4 => Self::Neon,
+            _ => Self::Sse,
         }
-        #[cfg(not(target_arch = "x86_64"))]
-        None
     }
 
     fn name(self) -> &'static str {
         match self {
             Self::Avx512 => "AVX-512",
             Self::Avx2 => "AVX2 and FMA",
+            Self::Neon => "NEON",
             Self::Sse => "SSE",
         }
     }
@@ -106,13 +104,13 @@ struct Difference {
 /// When a number of threads changes a byte, or an instruction set more than [`TOLERANCE`].
 pub(crate) fn run(args: DeterminismArgs, terminal: &Terminal) -> Result<()> {
     if args.instructions {
-        terminal.for_programs(Instructions::here().map_or("other", Instructions::name));
+        terminal.for_programs(Instructions::here().name());
         return Ok(());
     }
     let place = tempfile::Builder::new().prefix("determinism-").tempdir().context("cannot make a temporary folder")?;
     let runs = Runs::prepare(place.path())?;
     let own = Starter::own()?;
-    let here = Instructions::here().map_or("this processor", Instructions::name);
+    let here = Instructions::here().name();
     let mut rows = Vec::new();
     let reference = runs.whole(&own, THREADS[0])?;
     for threads in &THREADS[1..] {

@@ -49,6 +49,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Fuzz(args) => fuzz::run(args, &terminal(false)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
+        Command::Aarch64 => ci::aarch64::run(&project::root(), ci::aarch64::Extent::All, &terminal(false)),
         Command::Determinism(args) => determinism::run(*args, &terminal(args.quiet)),
         Command::Torture(args) => torture::run(args, &terminal(args.quiet)),
         Command::Sbom => sbom::write(&project::root(), &terminal(false)),

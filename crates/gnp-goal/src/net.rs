@@ -7,8 +7,8 @@ use gnp_nn::{Dropout, linear};
 use crate::block::{Block, BlockMasks};
 use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
 use crate::error::GoalError;
-use crate::fused;
-use crate::pick::{Pick, rows};
+use crate::fused::{self, FusedTransformer, Memory};
+use crate::pick::{Pick, Picked, rows};
 
 /// Goal prediction: modes as tokens, weighed against the observation and the neighbours.
 #[derive(Clone, Debug)]
@@ -25,6 +25,7 @@ pub struct GoalNet {
     null_token: Option<Tensor>,
     slot: Option<Tensor>,
     graph: bool,
+    pub(crate) memory: Memory,
 }
 
 /// What [`GoalNet::forward`] gives.
@@ -86,6 +87,7 @@ impl GoalNet {
             config: config.clone(),
             shape,
             graph: false,
+            memory: Memory::default(),
         })
     }
 
@@ -122,35 +124,17 @@ impl GoalNet {
         mut dropout: Option<&mut Dropout>,
     ) -> Result<GoalOutput, GoalError> {
         let batch = self.check(observed, neighbours, mask, modes, pick)?;
+        let picked = pick.of_windows(batch, modes.dims()[0])?;
         let modes = modes.flatten_from(1)?;
         // Modes are embedded once a batch, not once a window.
         let (embedded, observed) = (self.mode.forward(&modes)?, self.observed.forward(observed)?);
-        let fused = !self.graph && fused::runs_on(&embedded);
-        let run = if fused { Block::fused } else { Block::graph };
-        let mut x = if fused {
-            fused::outer_sum(&embedded, &observed)?
-        } else {
-            embedded.unsqueeze(0)?.broadcast_add(&observed.unsqueeze(1)?)?
-        };
-        for block in &self.encoder {
-            x = run(block, &x, None, BlockMasks::draw(dropout.as_deref_mut()))?;
-        }
         let (keys, mask) = self.keys(neighbours, mask)?;
-        let masks = BlockMasks::draw(dropout);
-        let decode = |x: &Tensor| run(&self.decoder, x, Some((&keys, &mask)), masks);
-        let logits = |x: &Tensor| self.probability.forward(x)?.squeeze(D::Minus1);
-        let (logits, decoded, indices) = match self.config.probability {
-            ProbabilityHead::Encoder => {
-                let logits: Tensor = logits(&x)?;
-                let indices = pick.indices(&logits)?;
-                (logits, decode(&rows(&x, &indices)?)?, indices)
-            }
-            ProbabilityHead::Decoder => {
-                let all = decode(&x)?;
-                let logits = logits(&all)?;
-                let indices = pick.indices(&logits)?;
-                (logits, rows(&all, &indices)?, indices)
-            }
+        let masks = (0..=self.encoder.len()).map(|_| BlockMasks::draw(dropout.as_deref_mut())).collect();
+        let tokens = [&embedded, &observed, &keys, &mask];
+        let (logits, decoded, indices) = if !self.graph && fused::runs_on(&embedded) {
+            self.fused(tokens, picked, masks)?
+        } else {
+            self.graph(tokens, &picked, &masks)?
         };
         let mut futures = self.goal.forward(&decoded)?;
         if self.config.regression == Regression::Residual {
@@ -159,6 +143,63 @@ impl GoalNet {
         }
         let futures = futures.reshape((batch, (), self.shape.t_pred, 2))?;
         Ok(GoalOutput { logits, futures, indices })
+    }
+
+    /// Logits of all modes, decoded tokens of those picked, and their indices, by one operation on the CPU; the first of
+    /// modes `[modes, width]`, observations `[batch, width]`, keys `[batch, keys, width]` and their mask.
+    fn fused(
+        &self,
+        tokens: [&Tensor; 4],
+        picked: Picked,
+        masks: Vec<BlockMasks>,
+    ) -> candle_core::Result<(Tensor, Tensor, Tensor)> {
+        let Some(bias) = self.probability.bias() else { candle_core::bail!("the map to a logit has a bias") };
+        let blocks = self.encoder.iter().chain([&self.decoder]).map(Block::weights);
+        let mut weights = blocks.collect::<candle_core::Result<Vec<_>>>()?.concat();
+        weights.extend([self.probability.weight(), bias]);
+        let transformer = FusedTransformer {
+            memory: self.memory.clone(),
+            layers: self.encoder.len(),
+            heads: self.config.heads,
+            hidden: self.config.feed_forward * self.config.width,
+            probability: self.config.probability,
+            picked: picked.clone(),
+            masks,
+        };
+        let (logits, decoded) = transformer.apply(tokens, &weights)?;
+        let indices = picked.indices(&logits)?;
+        Ok((logits, decoded, indices))
+    }
+
+    /// As [`GoalNet::fused`], operation by operation.
+    fn graph(
+        &self,
+        [modes, observed, keys, mask]: [&Tensor; 4],
+        picked: &Picked,
+        masks: &[BlockMasks],
+    ) -> candle_core::Result<(Tensor, Tensor, Tensor)> {
+        let mut x = modes.unsqueeze(0)?.broadcast_add(&observed.unsqueeze(1)?)?;
+        let mut masks = masks.iter().copied();
+        let mut next = || masks.next().unwrap_or(BlockMasks::NONE);
+        for block in &self.encoder {
+            x = block.graph(&x, None, next())?;
+        }
+        let masks = next();
+        let decode = |x: &Tensor| self.decoder.graph(x, Some((keys, mask)), masks);
+        let logits = |x: &Tensor| self.probability.forward(x)?.squeeze(D::Minus1);
+        Ok(match self.config.probability {
+            ProbabilityHead::Encoder => {
+                let logits: Tensor = logits(&x)?;
+                let indices = picked.indices(&logits)?;
+                (logits, decode(&rows(&x, &indices)?)?, indices)
+            }
+            ProbabilityHead::Decoder => {
+                let all = decode(&x)?;
+                let logits = logits(&all)?;
+                let indices = picked.indices(&logits)?;
+                (logits, rows(&all, &indices)?, indices)
+            }
+        })
     }
 
     /// The `k` most probable goals, or all where there are fewer modes; arguments as for

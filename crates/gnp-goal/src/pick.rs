@@ -1,5 +1,7 @@
 //! Which modes are decoded.
 
+use std::borrow::Cow;
+
 use candle_core::{D, Device, Result, Tensor};
 
 use crate::error::GoalError;
@@ -17,33 +19,65 @@ pub enum Pick {
 }
 
 impl Pick {
-    /// Indices `[batch, k]` for `logits` `[batch, modes]`.
-    pub(crate) fn indices(&self, logits: &Tensor) -> std::result::Result<Tensor, GoalError> {
-        let (batch, modes) = logits.dims2()?;
-        match self {
+    /// For every of `batch` windows with `modes` modes.
+    pub(crate) fn of_windows(&self, batch: usize, modes: usize) -> std::result::Result<Picked, GoalError> {
+        Ok(match self {
             Self::Indices(indices) => {
                 // Checked here, because one beyond the last mode is the next window's first.
                 let picked = indices.flatten_all()?.to_vec1::<u32>()?;
-                match picked.into_iter().find(|index| *index as usize >= modes) {
-                    Some(index) => Err(GoalError::Mode { index, modes }),
-                    None => Ok(indices.clone()),
+                if let Some(index) = picked.iter().find(|index| **index as usize >= modes) {
+                    return Err(GoalError::Mode { index: *index, modes });
                 }
+                Picked::Given { count: picked.len() / batch.max(1), indices: picked }
             }
-            Self::All => {
-                let all = Tensor::arange(0u32, modes as u32, logits.device())?;
-                Ok(all.unsqueeze(0)?.broadcast_as((batch, modes))?.contiguous()?)
-            }
-            Self::MostProbable(k) => {
-                let k = (*k).min(modes);
-                let mut picked = Vec::with_capacity(batch * k);
-                for row in logits.to_device(&Device::Cpu)?.to_vec2::<f32>()? {
-                    let mut order: Vec<u32> = (0..modes as u32).collect();
-                    order.sort_by(|a, b| row[*b as usize].total_cmp(&row[*a as usize]).then(a.cmp(b)));
-                    picked.extend_from_slice(&order[..k]);
-                }
-                Ok(Tensor::from_vec(picked, (batch, k), logits.device())?)
-            }
+            Self::All => Picked::All(modes),
+            Self::MostProbable(k) => Picked::MostProbable((*k).min(modes)),
+        })
+    }
+}
+
+/// Which modes are decoded, after the sizes were compared.
+#[derive(Clone, Debug)]
+pub(crate) enum Picked {
+    /// `count` of every window, one window after the other.
+    Given { count: usize, indices: Vec<u32> },
+    /// So many of the most probable.
+    MostProbable(usize),
+    /// All of so many.
+    All(usize),
+}
+
+impl Picked {
+    /// Modes picked of a window.
+    pub(crate) fn count(&self) -> usize {
+        match self {
+            Self::Given { count, .. } => *count,
+            Self::MostProbable(count) | Self::All(count) => *count,
         }
+    }
+
+    /// Those of window `window`, of which all modes have these `logits`.
+    pub(crate) fn of_window(&self, window: usize, logits: &[f32]) -> Cow<'_, [u32]> {
+        match self {
+            Self::Given { count, indices } => Cow::Borrowed(&indices[window * count..][..*count]),
+            Self::MostProbable(count) => {
+                let mut order: Vec<u32> = (0..logits.len() as u32).collect();
+                order.sort_by(|a, b| logits[*b as usize].total_cmp(&logits[*a as usize]).then(a.cmp(b)));
+                order.truncate(*count);
+                Cow::Owned(order)
+            }
+            Self::All(count) => Cow::Owned((0..*count as u32).collect()),
+        }
+    }
+
+    /// Indices `[batch, k]` for `logits` `[batch, modes]`.
+    pub(crate) fn indices(&self, logits: &Tensor) -> Result<Tensor> {
+        let (batch, k) = (logits.dims()[0], self.count());
+        let mut picked = Vec::with_capacity(batch * k);
+        for (window, row) in logits.to_device(&Device::Cpu)?.to_vec2::<f32>()?.iter().enumerate() {
+            picked.extend_from_slice(&self.of_window(window, row));
+        }
+        Tensor::from_vec(picked, (batch, k), logits.device())
     }
 }
 
@@ -65,10 +99,13 @@ mod tests {
     #[test]
     fn the_most_probable_come_first() -> std::result::Result<(), Box<dyn std::error::Error>> {
         let logits = Tensor::new(&[[0.1f32, 3., -1., 3.], [5., 4., 6., 1.]], &Device::Cpu)?;
-        let picked = Pick::MostProbable(3).indices(&logits)?.to_vec2::<u32>()?;
-        assert_eq!(picked, [[1, 3, 0], [2, 0, 1]]);
-        assert_eq!(Pick::MostProbable(9).indices(&logits)?.dims(), [2, 4]);
-        assert_eq!(Pick::All.indices(&logits)?.to_vec2::<u32>()?, [[0, 1, 2, 3], [0, 1, 2, 3]]);
+        let indices =
+            |pick: Pick| -> std::result::Result<Tensor, GoalError> { Ok(pick.of_windows(2, 4)?.indices(&logits)?) };
+        assert_eq!(indices(Pick::MostProbable(3))?.to_vec2::<u32>()?, [[1, 3, 0], [2, 0, 1]]);
+        assert_eq!(indices(Pick::MostProbable(9))?.dims(), [2, 4]);
+        assert_eq!(indices(Pick::All)?.to_vec2::<u32>()?, [[0, 1, 2, 3], [0, 1, 2, 3]]);
+        let given = [[3u32], [1]];
+        assert_eq!(indices(Pick::Indices(Tensor::new(&given, &Device::Cpu)?))?.to_vec2::<u32>()?, given);
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use candle_core::{Device, Tensor};
 use gnp_baselines::{PlatoonRule, Traffic};
-use gnp_data::{DataError, MarkingKind, Observation, SLOTS, Slot, Standardiser, Window, WindowShape};
+use gnp_data::{DataError, MarkingKind, Observation, SLOTS, Slot, Standardiser, TrackState, Window, WindowShape};
 use gnp_goal::GoalShape;
 use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
 use serde::{Deserialize, Serialize};
@@ -183,9 +183,11 @@ impl Features {
         };
         let rows = |o: Observation<'a>| -> Result<_, ModelError> {
             let situation = situation(config, shape, platoon.as_ref(), AugmentedView::recorded(o))?;
+            let own = own_states(&situation);
             let neighbours = config.others(&situation.seen).into_iter().flatten();
-            let neighbours = neighbours.map(|other| neighbour_row(config, &situation, &other)).collect::<Vec<_>>();
-            Ok((observed_row(config, &situation), neighbours))
+            let neighbours =
+                neighbours.map(|other| neighbour_row(config, &situation, &own, &other)).collect::<Vec<_>>();
+            Ok((observed_row(config, &situation, &own), neighbours))
         };
         let (mut observed, mut neighbours) = (Vec::new(), Vec::new());
         for observation in training {
@@ -270,12 +272,13 @@ impl Features {
         let mut mask = vec![0f32; situations.len() * slots];
         for (b, situation) in situations.iter().enumerate() {
             self.check_shape(situation.seen.observation())?;
-            let mut row = observed_row(&self.config, situation);
+            let own = own_states(situation);
+            let mut row = observed_row(&self.config, situation, &own);
             self.observed.apply(&mut row)?;
             observed.extend_from_slice(&row);
             for (slot, other) in self.config.others(&situation.seen).into_iter().enumerate() {
                 if let Some(other) = other {
-                    let mut row = neighbour_row(&self.config, situation, &other);
+                    let mut row = neighbour_row(&self.config, situation, &own, &other);
                     self.neighbour.apply(&mut row)?;
                     let at = b * slots + slot;
                     neighbours[at * fn_..(at + 1) * fn_].copy_from_slice(&row);
@@ -348,7 +351,7 @@ impl Features {
     }
 
     /// What the modes' frame subtracts.
-    fn reference(&self, situation: &Situation<'_>) -> Reference {
+    pub(crate) fn reference(&self, situation: &Situation<'_>) -> Reference {
         let steps = self.shape.t_pred;
         let way = match self.mode_frame() {
             ModeFrame::Position => Vec::new(),
@@ -374,14 +377,20 @@ fn situation<'a>(
     Ok(Situation { seen, velocity, platoon: Some(Following { traffic, motion }) })
 }
 
-/// Features of the target, before standardising.
-fn observed_row(config: &FeatureConfig, situation: &Situation<'_>) -> Vec<f32> {
+/// States of the target by observed frame.
+fn own_states(situation: &Situation<'_>) -> Vec<TrackState> {
+    let seen = &situation.seen;
+    (0..seen.observation().shape().t_obs).map(|i| seen.target(i)).collect()
+}
+
+/// Features of the target with these states, before standardising.
+fn observed_row(config: &FeatureConfig, situation: &Situation<'_>, own: &[TrackState]) -> Vec<f32> {
     let (seen, velocity) = (&situation.seen, situation.velocity);
     let shape = seen.observation().shape();
     let mut row = Vec::with_capacity(4 * shape.t_obs + 8 + following::SECONDS);
     for block in config.blocks(shape) {
         row.extend(mean(block, |i| {
-            let state = seen.target(i);
+            let state = own[i];
             let t = (shape.t_obs - 1 - i) as f32 * shape.dt() as f32;
             Some(match config.representation {
                 Representation::Position => [state.x, state.y, state.vx, state.vy],
@@ -435,20 +444,25 @@ fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
 }
 
 /// Features of another vehicle, before standardising; zeros in steps without it.
-fn neighbour_row(config: &FeatureConfig, situation: &Situation<'_>, neighbour: &AugmentedNeighbour<'_>) -> Vec<f32> {
-    let (seen, velocity) = (&situation.seen, situation.velocity);
-    let shape = seen.observation().shape();
+fn neighbour_row(
+    config: &FeatureConfig,
+    situation: &Situation<'_>,
+    own: &[TrackState],
+    neighbour: &AugmentedNeighbour<'_>,
+) -> Vec<f32> {
+    let (shape, velocity) = (situation.seen.observation().shape(), situation.velocity);
+    let states: Vec<Option<TrackState>> = (0..shape.t_obs).map(|i| neighbour.state(i)).collect();
     let mut row = Vec::with_capacity(neighbour_width(config, shape));
     for block in config.blocks(shape) {
         match config.representation {
             Representation::Position => {
-                row.extend(mean(block, |i| neighbour.state(i).map(|state| [state.x, state.y, state.vx, state.vy])));
+                row.extend(mean(block, |i| states[i].map(|state| [state.x, state.y, state.vx, state.vy])));
             }
             Representation::Deviation => {
                 let frames = block.len() as f32;
-                let present = block.clone().filter(|i| neighbour.state(*i).is_some()).count() as f32;
+                let present = block.clone().filter(|i| states[*i].is_some()).count() as f32;
                 row.extend(mean(block, |i| {
-                    let (state, own) = (neighbour.state(i)?, seen.target(i));
+                    let (state, own) = (states[i]?, own[i]);
                     Some([state.x - own.x, state.y - own.y, state.vx - velocity[0], state.vy - velocity[1]])
                 }));
                 row.push(present / frames);

@@ -10,7 +10,7 @@ use gnp_data::{
     WindowShape, nearest_to_mean,
 };
 use gnp_goal::GoalNet;
-use gnp_modes::Modes;
+use gnp_modes::{Modes, from_mode_frame};
 use gnp_traj::{Arity, ForceTerm, Phase, RollOut, RollOutBatch, SocialForce, TermRollOut};
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -142,6 +142,7 @@ impl Gnp {
                 let phase =
                     if checkpoint.header.part == Component::Attraction { Phase::Attraction } else { Phase::Full };
                 let force = SocialForce::new(config, constants(checkpoint, device))
+                    .and_then(|force| force.frozen())
                     .map_err(|error| ModelError::weights(checkpoint.header.part, &error))?;
                 Some((force, phase))
             }
@@ -304,8 +305,9 @@ impl Gnp {
             Selection::Medoids | Selection::Central => modes.len(),
         };
         let goals = goal.predict(&inputs.observed, &inputs.neighbours, &inputs.mask, centres, decoded)?;
-        let scale = features.config().length_scale;
-        let mut futures = (goals.futures * scale)?.flatten_all()?.to_vec1::<f32>()?;
+        let scale = features.config().length_scale as f32;
+        let mut futures = goals.futures.flatten_all()?.to_vec1::<f32>()?;
+        futures.iter_mut().for_each(|value| *value *= scale);
         let mut out = Goals { futures: Vec::new(), probabilities: Vec::new() };
         let path = 2 * features.shape().t_pred;
         let probabilities = goals.probabilities.to_vec2::<f32>()?;
@@ -327,7 +329,8 @@ impl Gnp {
                     medoids(&ends, &probabilities, k, first)
                 }
             };
-            let future = |mode: usize| features.to_window_frame(situation, &paths[mode * path..(mode + 1) * path]);
+            let reference = features.reference(situation);
+            let future = |mode: usize| pairs(&from_mode_frame(&paths[mode * path..(mode + 1) * path], &reference));
             out.futures.push(picked.iter().map(|(mode, _)| future(*mode)).collect());
             out.probabilities.push(picked.into_iter().map(|(_, probability)| probability).collect());
         }

@@ -1,6 +1,7 @@
 //! Windows to the scene that the neural social force drives through.
 
 use candle_core::{Device, Tensor};
+use gnp_baselines::lateral;
 use gnp_data::{MarkingKind, SLOTS, Slot, Truth};
 use gnp_traj::{Lines, NeighbourStates, Neighbours, RollOutBatch};
 use serde::{Deserialize, Serialize};
@@ -95,19 +96,20 @@ impl Features {
         let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; situations.len() * t_pred * SLOTS * 4];
         let window = self.config().velocity_window_s;
+        let settling: Vec<f64> = (0..t_pred).map(|j| lateral(1., j as f64 * self.shape().dt())).collect();
         for (b, situation) in situations.iter().enumerate() {
             let seen = &situation.seen;
+            let frames: Vec<[f32; 2]> = (0..t_pred).map(|j| situation.frame(j)).collect();
             for slot in Slot::ALL {
                 let mut put = |j: usize, s: [f32; 4]| {
-                    let [x, vx] = situation.frame(j);
+                    let [x, vx] = frames[j];
                     let at = ((b * t_pred + j) * SLOTS + slot.index()) * 4;
                     futures[at..at + 4].copy_from_slice(&[s[0] - x, s[1], s[2] - vx, s[3]]);
                 };
                 match truths {
                     Some(truths) => self.recorded_future(seen, &truths[b], slot, put),
                     None if neighbours == NeighbourFuture::Platoon => {
-                        for j in 0..t_pred {
-                            let Some(s) = situation.following_neighbour(slot, j, window) else { break };
+                        for (j, s) in situation.following_neighbour(slot, &settling, window).enumerate() {
                             put(j, [s.x, s.y, s.vx, s.vy]);
                         }
                     }

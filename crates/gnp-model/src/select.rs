@@ -25,27 +25,39 @@ pub enum Selection {
 /// 1 - 1/e on the best choice); the first of equals.
 pub(crate) fn medoids(goals: &[[f32; 2]], probabilities: &[f32], k: usize, first: Option<usize>) -> Vec<(usize, f32)> {
     let n = goals.len();
-    let distance = |a: usize, b: usize| (goals[a][0] - goals[b][0]).hypot(goals[a][1] - goals[b][1]);
-    let mut nearest: Vec<(f32, usize)> = vec![(f32::INFINITY, 0); n];
+    let distances = distances(goals);
+    // Of every goal: distance to the nearest that is chosen, and which of them that is.
+    let mut nearest = vec![f32::INFINITY; n];
+    let mut places = vec![0; n];
+    let mut costs = vec![0f32; n];
     let mut chosen: Vec<usize> = Vec::with_capacity(k.min(n));
     while chosen.len() < k.min(n) {
-        let cost = |candidate: usize| -> f32 {
-            (0..n).map(|goal| probabilities[goal] * nearest[goal].0.min(distance(goal, candidate))).sum()
+        let best = match first.filter(|_| chosen.is_empty()) {
+            Some(first) => first,
+            None => {
+                costs.fill(0.);
+                // The costs of all candidates grow together, goal by goal.
+                for ((row, probability), nearest) in distances.chunks_exact(n).zip(probabilities).zip(&nearest) {
+                    for (cost, distance) in costs.iter_mut().zip(row) {
+                        *cost += probability * if distance < nearest { *distance } else { *nearest };
+                    }
+                }
+                let free = (0..n).filter(|goal| !chosen.contains(goal));
+                let Some(best) = free.reduce(|best, next| if costs[next] < costs[best] { next } else { best }) else {
+                    break;
+                };
+                best
+            }
         };
-        let forced = first.filter(|_| chosen.is_empty());
-        let free = (0..n).filter(|goal| !chosen.contains(goal));
-        let best = free.map(|goal| (cost(goal), goal)).reduce(|best, next| if next.0 < best.0 { next } else { best });
-        let Some(best) = forced.or(best.map(|(_, best)| best)) else { break };
-        for (goal, nearest) in nearest.iter_mut().enumerate() {
-            let to_best = distance(goal, best);
-            if to_best < nearest.0 {
-                *nearest = (to_best, chosen.len());
+        for ((nearest, place), distance) in nearest.iter_mut().zip(&mut places).zip(&distances[best * n..][..n]) {
+            if distance < nearest {
+                (*nearest, *place) = (*distance, chosen.len());
             }
         }
         chosen.push(best);
     }
     let mut mass = vec![0f32; chosen.len()];
-    for ((_, place), probability) in nearest.iter().zip(probabilities) {
+    for (place, probability) in places.iter().zip(probabilities) {
         if let Some(mass) = mass.get_mut(*place) {
             *mass += probability;
         }
@@ -55,6 +67,19 @@ pub(crate) fn medoids(goals: &[[f32; 2]], probabilities: &[f32], k: usize, first
     let rest = usize::from(first.is_some()).min(picked.len());
     picked[rest..].sort_by(|a, b| b.1.total_cmp(&a.1));
     picked
+}
+
+/// Distance of every goal to every other, `[goals, goals]`, m.
+fn distances(goals: &[[f32; 2]]) -> Vec<f32> {
+    let mut distances = vec![0.; goals.len() * goals.len()];
+    for (row, a) in distances.chunks_exact_mut(goals.len().max(1)).zip(goals) {
+        for (distance, b) in row.iter_mut().zip(goals) {
+            // The squares of `f32` neither overflow nor round in `f64`.
+            let [x, y] = [0, 1].map(|axis| f64::from(a[axis] - b[axis]));
+            *distance = (x * x + y * y).sqrt() as f32;
+        }
+    }
+    distances
 }
 
 #[cfg(test)]
@@ -71,6 +96,30 @@ mod tests {
         let two = medoids(&goals, &probabilities, 2, None);
         assert_eq!(two.iter().map(|p| p.0).collect::<Vec<_>>(), [2, 3]);
         assert!((two[0].1 - 0.6).abs() < 1e-6 && (two[1].1 - 0.4).abs() < 1e-6);
+    }
+
+    #[test]
+    fn each_goal_lowers_the_expected_distance_most() {
+        let wave = |i: usize, step: f32| (i as f32 * step).sin();
+        let goals: Vec<[f32; 2]> = (0..40).map(|i| [30. * wave(i, 1.7), 4. * wave(i, 0.9)]).collect();
+        let weights: Vec<f32> = (0..40).map(|i| 1.1 + wave(i, 2.3)).collect();
+        let probabilities: Vec<f32> = weights.iter().map(|weight| weight / weights.iter().sum::<f32>()).collect();
+        let expected = |chosen: &[usize]| -> f64 {
+            let to = |goal: &[f32; 2], i: usize| f64::from((goal[0] - goals[i][0]).hypot(goal[1] - goals[i][1]));
+            let nearest = |goal| chosen.iter().map(|i| to(goal, *i)).fold(f64::INFINITY, f64::min);
+            goals.iter().zip(&probabilities).map(|(goal, p)| f64::from(*p) * nearest(goal)).sum()
+        };
+        for first in [None, Some(7)] {
+            let mut found: Vec<usize> = medoids(&goals, &probabilities, 5, first).into_iter().map(|p| p.0).collect();
+            let mut chosen: Vec<usize> = first.into_iter().collect();
+            while chosen.len() < 5 {
+                let with = |goal: usize| expected(&[&chosen[..], &[goal]].concat());
+                chosen.extend((0..40).min_by(|a, b| with(*a).total_cmp(&with(*b))));
+            }
+            found.sort_unstable();
+            chosen.sort_unstable();
+            assert_eq!(found, chosen, "after {first:?}");
+        }
     }
 
     #[test]

@@ -74,17 +74,25 @@ impl<'a> Situation<'a> {
         }
     }
 
-    /// Where the neighbour in `slot` is after `step` steps if it follows the column ahead of it, window frame.
-    pub(crate) fn following_neighbour(&self, slot: Slot, step: usize, window_s: f64) -> Option<TrackState> {
-        let Following { traffic, motion } = self.platoon.as_ref()?;
-        let place = traffic.place(self.seen.recorded_slot(slot))?;
-        let now = self.seen.neighbour(slot)?.now(window_s);
-        let time = step as f64 * self.dt();
-        Some(TrackState {
-            x: motion.position(place, step) as f32,
-            y: now.y + lateral(f64::from(now.vy), time) as f32,
-            vx: motion.speed(place, step) as f32,
-            vy: 0.,
+    /// Where the neighbour in `slot` is as each step sets out if it follows the column ahead of it, window frame; nothing
+    /// where nobody is. `settling` is [`lateral`] of 1 m/s at these times.
+    pub(crate) fn following_neighbour(
+        &self,
+        slot: Slot,
+        settling: &[f64],
+        window_s: f64,
+    ) -> impl Iterator<Item = TrackState> {
+        let following = self.platoon.as_ref().and_then(|Following { traffic, motion }| {
+            let place = traffic.place(self.seen.recorded_slot(slot))?;
+            Some((motion, place, self.seen.neighbour(slot)?.now(window_s)))
+        });
+        following.into_iter().flat_map(move |(motion, place, now)| {
+            settling.iter().enumerate().map(move |(step, settling)| TrackState {
+                x: motion.position(place, step) as f32,
+                y: now.y + (f64::from(now.vy) * settling) as f32,
+                vx: motion.speed(place, step) as f32,
+                vy: 0.,
+            })
         })
     }
 }

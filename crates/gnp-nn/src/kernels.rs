@@ -11,6 +11,7 @@
 mod activation;
 mod aligned;
 mod attention;
+mod lanes;
 mod lstm;
 mod matmul;
 mod outer_sum;
@@ -20,12 +21,13 @@ mod values;
 pub use activation::{exp, sigmoid, tanh};
 pub use aligned::{Aligned, LINE, Pool, padded};
 pub use attention::Attention;
+pub use lanes::lanes;
 pub use lstm::{lstm, lstm_adjoint};
 pub use matmul::{Panels, Rows, RowsMut, Start, matmul, matmul_transposed, product};
 pub use outer_sum::{Picked, Scratch, outer_sum};
 pub(crate) use rows::NORM_EPSILON;
 pub use rows::{
-    Affine, add_rows, add_to_rows, drop_values, norm, norm_adjoint, relu, relu_adjoint, softmax, softmax_adjoint,
-    sum_rows, transpose,
+    Affine, add_rows, add_to_rows, affine_rows, drop_values, norm, norm_adjoint, relu, relu_adjoint, row_products,
+    scale_rows, sum_rows, transpose,
 };
 pub use values::{read, values};

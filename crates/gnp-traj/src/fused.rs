@@ -4,7 +4,8 @@
 //! synchronising them. Here the windows are cut into chunks, and each thread carries a chunk through
 //! all steps by itself:
 //!
-//! - All weights are one flat vector (`layout`), packed once a call for the products of [`gnp_nn::kernels`].
+//! - All weights are one flat vector (`layout`), packed for the products of [`gnp_nn::kernels`]: once a call, or once
+//!   for all of a frozen network.
 //! - `forward` runs the networks (`history_encoder`, `head`, `mlp`) and the physics of `gnp_force` step by step;
 //!   what `backward` needs stays in the buffers of a tape, and without a gradient nothing stays.
 //! - Empty slots and lines are left out rather than masked, and the history is taken in once a window.
@@ -45,17 +46,46 @@ pub(crate) use self::layout::Layout;
 /// before they go backward. Also what waits for the next batch at most.
 const TAPE_VALUES: usize = 1 << 28;
 
-/// What a network keeps from one roll-out to the next: the layout of its weights and idle memory.
+/// What a network keeps from one roll-out to the next: the layout of its weights, idle memory, and the packed weights
+/// if they never change.
 #[derive(Clone, Debug)]
 pub(crate) struct Fused {
     layout: Arc<Layout>,
     pool: Arc<Pool>,
     tape_values: usize,
+    packed: Option<Arc<Net<Packed>>>,
 }
 
 impl Fused {
     pub(crate) fn new(cfg: &TrajConfig) -> Self {
-        Self { layout: Arc::new(Layout::new(cfg)), pool: Arc::default(), tape_values: TAPE_VALUES }
+        Self { layout: Arc::new(Layout::new(cfg)), pool: Arc::default(), tape_values: TAPE_VALUES, packed: None }
+    }
+
+    /// The same for a network whose `weights` (in the order of [`Fused::names`]) never change.
+    pub(crate) fn frozen(&self, weights: &[Tensor]) -> Result<Self> {
+        Ok(Self { packed: Some(Arc::new(self.pack(weights)?)), ..self.clone() })
+    }
+
+    /// Whether the weights are packed already.
+    pub(crate) fn is_frozen(&self) -> bool {
+        self.packed.is_some()
+    }
+
+    /// Packs `weights` for roll-outs without a gradient.
+    fn pack(&self, weights: &[Tensor]) -> Result<Net<Packed>> {
+        let flat = weights.iter().map(Tensor::flatten_all).collect::<Result<Vec<_>>>()?;
+        let flat = Tensor::cat(&flat, 0)?.to_vec1::<f32>()?;
+        Ok(self.layout.packed(&flat, false))
+    }
+
+    /// All chunks without a gradient.
+    fn roll_out(&self, batch: &Batch, net: &Net<Packed>, explain: bool) -> Vec<Outcome> {
+        let roll_out = |chunk: &Chunk<'_>| {
+            let (outcome, tape) = forward::roll_out(chunk, net, &self.pool, false, explain);
+            tape.recycle(&self.pool, self.tape_values);
+            outcome
+        };
+        batch.chunks(rayon::current_num_threads(), false).par_iter().map(roll_out).collect()
     }
 
     /// Whether `phase` trains the weight of that name.
@@ -79,13 +109,18 @@ impl Fused {
         sizes: Sizes,
         phase: Phase,
     ) -> Result<Tensor> {
+        let (goals, observed) = (batch.goals.to_dtype(DType::F32)?, batch.observed.to_dtype(DType::F32)?);
+        let inputs = goals.track_op() || observed.track_op();
+        if let Some(net) = self.packed.as_ref().filter(|_| !inputs) {
+            let batch = Batch::new(network, batch, sizes, phase)?;
+            let paths: Vec<_> = self.roll_out(&batch, net, false).into_iter().map(|outcome| outcome.path).collect();
+            return Tensor::from_vec(paths.concat(), (sizes.batch, sizes.goals, batch.steps, 2), &Device::Cpu);
+        }
         let part = |(i, weight): (usize, &Tensor)| {
             let flat = weight.flatten_all()?;
             Ok(if self.layout.trained(i, phase) { flat } else { flat.detach() })
         };
         let flat = Tensor::cat(&weights.iter().enumerate().map(part).collect::<Result<Vec<_>>>()?, 0)?;
-        let (goals, observed) = (batch.goals.to_dtype(DType::F32)?, batch.observed.to_dtype(DType::F32)?);
-        let inputs = goals.track_op() || observed.track_op();
         let keep = flat.track_op() || inputs;
         let batch = Batch::new(network, batch, sizes, phase)?;
         let threads = rayon::current_num_threads();
@@ -102,20 +137,12 @@ impl Fused {
         sizes: Sizes,
         phase: Phase,
     ) -> Result<RollOut> {
-        let flat = weights.iter().map(Tensor::flatten_all).collect::<Result<Vec<_>>>()?;
-        let flat = Tensor::cat(&flat, 0)?.to_vec1::<f32>()?;
         let batch = Batch::new(network, batch, sizes, phase)?;
-        let net = self.layout.packed(&flat, false);
-        let chunks = batch.chunks(rayon::current_num_threads(), false);
-        let outcomes: Vec<Outcome> = chunks
-            .par_iter()
-            .map(|chunk| {
-                let (outcome, tape) = forward::roll_out(chunk, &net, &self.pool, false, true);
-                tape.recycle(&self.pool, self.tape_values);
-                outcome
-            })
-            .collect();
-        explained(outcomes, &batch)
+        let net = match &self.packed {
+            Some(net) => Arc::clone(net),
+            None => Arc::new(self.pack(weights)?),
+        };
+        explained(self.roll_out(&batch, &net, true), &batch)
     }
 }
 

@@ -203,10 +203,27 @@ impl SocialForce {
         if self.unfusible(batch, phase).is_none() { Engine::Fused } else { Engine::Graph }
     }
 
+    /// The same networks for prediction alone, on copies of the weights that pass no gradient: roll-outs on CPUs, which
+    /// otherwise pack the weights at every call, then do so once for all. The results are the same bits.
+    ///
+    /// # Errors
+    /// Candle's.
+    pub fn frozen(&self) -> Result<Self, TrajError> {
+        let network = self.with_weights(|weight| weight.detach().copy())?;
+        let on_cpu = network.weights.iter().all(|weight| weight.device().is_cpu());
+        Ok(if on_cpu { Self { fused: network.fused.frozen(&network.weights)?, ..network } } else { network })
+    }
+
     /// The same networks on weights that ask for no gradient.
     fn detached(&self) -> Result<Self, TrajError> {
+        if self.fused.is_frozen() { Ok(self.clone()) } else { self.with_weights(|weight| Ok(weight.detach())) }
+    }
+
+    /// The same networks on what `f` makes of each weight.
+    fn with_weights(&self, f: impl Fn(&Tensor) -> candle_core::Result<Tensor>) -> Result<Self, TrajError> {
         let named = self.fused.names().iter().zip(&self.weights);
-        let weights = named.map(|((name, _), weight)| (name.clone(), weight.detach())).collect();
+        let weights = named.map(|((name, _), weight)| Ok((name.clone(), f(weight)?)));
+        let weights = weights.collect::<candle_core::Result<_>>()?;
         let vb = VarBuilder::from_tensors(weights, self.weights[0].dtype(), self.weights[0].device());
         Ok(Self { fused: self.fused.clone(), terms: self.terms.clone(), ..Self::new(&self.cfg, vb)? })
     }

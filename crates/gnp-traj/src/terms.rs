@@ -84,12 +84,17 @@ pub(crate) fn source(arity: Arity, slot: usize, values: &[f32], time_left: f32) 
     match (arity, values) {
         (Arity::One, &[x, y]) => Some(Source::Goal { goal: Point2::new(x, y), time_left }),
         (Arity::PerNeighbour, &[x, y, vx, vy]) => Some(Source::Vehicle { slot, state: State::new(x, y, vx, vy) }),
-        (Arity::PerLine, &[y, kind, side]) => Some(Source::Line {
-            kind: if kind > 0.5 { MarkingKind::Boundary } else { MarkingKind::LaneDivider },
-            y,
-            road: if side < 0. { Side::Right } else { Side::Left },
-        }),
+        (Arity::PerLine, &[y, kind, side]) => Some(line([y, kind, side])),
         _ => None,
+    }
+}
+
+/// A line from `(y, kind, side)`.
+pub(crate) fn line([y, kind, side]: [f32; 3]) -> Source<f32> {
+    Source::Line {
+        kind: if kind > 0.5 { MarkingKind::Boundary } else { MarkingKind::LaneDivider },
+        y,
+        road: if side < 0. { Side::Right } else { Side::Left },
     }
 }
 

@@ -6,14 +6,15 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
-use candle_core::{Device, Tensor};
+use candle_core::{DType, Device, Tensor};
+use candle_nn::VarBuilder;
 use gnp_baselines::{Drivers, PlatoonRule};
-use gnp_data::{Dataset, Expectation, Observation, Predictor as _, Recording, WindowSet, discover, read};
+use gnp_data::{Dataset, Expectation, Mode, Observation, Predictor as _, Recording, WindowSet, discover, read};
 use gnp_goal::GoalNet;
-use gnp_model::{Checkpoint, Component, Features, Gnp, Header};
+use gnp_model::{AugmentedView, Checkpoint, Component, Features, Gnp, GoalInputs, Header, NeighbourFuture};
 use gnp_modes::Modes;
 use gnp_nn::Weights;
-use gnp_traj::SocialForce;
+use gnp_traj::{Phase, SocialForce};
 
 use super::clock::{self, Sample};
 use super::{load, pool, processor, table};
@@ -22,35 +23,48 @@ use gnp::RunConfig;
 
 const VEHICLES: usize = 25;
 const GOALS: usize = 6;
+/// What stands for a fitted trust where nothing was fitted.
+const TRUST: f64 = 0.5;
 /// Frames are predicted until there are so many, or so much time has passed.
 const FRAMES: usize = 500;
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// Prints p50 and p99 on `threads` threads, with the sizes of `configs/highd.toml` and the published ones.
+/// What a frame consists of, in its order; before `goals` the goal network, before `paths` the roll-out.
+const STAGES: [&str; 7] = ["platoon", "inputs", "goal network", "goals", "scene", "roll-out", "paths"];
+
+/// Prints p50 and p99 on `threads` threads, and the time of each stage, with the sizes of `configs/highd.toml` and the
+/// published ones.
 ///
 /// # Errors
 /// Those of reading, cutting and predicting.
 pub(super) fn run(threads: usize, terminal: &Terminal) -> Result<()> {
     let load = load();
-    let mut rows = Vec::new();
+    let (mut rows, mut stages) = (Vec::new(), Vec::new());
     for name in ["configs/highd.toml", "configs/paper/highd.toml"] {
         terminal.note(&format!("bench: frame, {name}"));
         let config = RunConfig::read(&project::root().join(name), &[])?;
-        let sample = pool(threads)?.install(|| frames(&config))?;
-        let ms = |share| format!("{:.2}", sample.quantile(share) * 1e3);
-        rows.push(vec![name.to_owned(), ms(0.5), ms(0.99), ms(1.), sample.len().to_string()]);
+        let (sample, medians) = pool(threads)?.install(|| frames(&config))?;
+        let ms = |seconds: f64| format!("{:.2}", seconds * 1e3);
+        let of = |share| ms(sample.quantile(share));
+        rows.push(vec![name.to_owned(), of(0.5), of(0.99), of(1.), sample.len().to_string()]);
+        stages.push([vec![name.to_owned()], medians.map(ms).to_vec()].concat());
     }
     let header = ["sizes of", "p50, ms", "p99, ms", "longest, ms", "frames"].map(str::to_owned).to_vec();
+    let parts = [&["medians, ms"], &STAGES[..]].concat().into_iter().map(str::to_owned).collect();
     terminal.result(&format!(
-        "A frame of {VEHICLES} vehicles, {GOALS} goals each, {threads} thread(s), untrained weights; load average {load}\n{}.\n{}",
+        "A frame of {VEHICLES} vehicles, {GOALS} goals each, {threads} thread(s), untrained weights; load average {load}
+{}.
+{}
+{}",
         processor(),
-        table(header, rows)
+        table(header, rows),
+        table(parts, stages)
     ));
     Ok(())
 }
 
-/// Seconds of each frame.
-fn frames(config: &RunConfig) -> Result<Sample> {
+/// Seconds of each frame, and the median of each of the [`STAGES`].
+fn frames(config: &RunConfig) -> Result<(Sample, [f64; STAGES.len()])> {
     let recordings = recordings(config)?;
     let (set, _) = WindowSet::cut(&recordings, &config.windows)?;
     // Vehicles that are there at about the same time, as those of a frame are.
@@ -59,20 +73,64 @@ fn frames(config: &RunConfig) -> Result<Sample> {
     if windows.len() < VEHICLES {
         bail!("the embedded recordings have {} windows, a frame needs {VEHICLES}", windows.len());
     }
-    let model = model(config, &windows)?;
+    let parts = Parts::new(config, &windows)?;
     let (started, mut seconds) = (Instant::now(), Vec::new());
     // The first frame does not count: it fills caches.
-    model.predict(&windows[..VEHICLES], GOALS)?;
+    parts.gnp.predict(&windows[..VEHICLES], GOALS)?;
     for frame in windows.chunks_exact(VEHICLES).cycle().take(FRAMES) {
         seconds.push(clock::once(&|| {
-            model.predict(frame, GOALS)?;
+            parts.gnp.predict(frame, GOALS)?;
             Ok(())
         })?);
         if started.elapsed() > LONGEST {
             break;
         }
     }
-    Ok(Sample::new(seconds))
+    let mut stages = [(); STAGES.len()].map(|()| Vec::new());
+    for frame in windows.chunks_exact(VEHICLES).cycle().take(seconds.len().div_ceil(5)) {
+        stages.iter_mut().zip(parts.stages(frame)?).for_each(|(all, one)| all.push(one));
+    }
+    Ok((Sample::new(seconds), stages.map(|seconds| Sample::new(seconds).median())))
+}
+
+/// A predictor, and the parts it is made of.
+struct Parts {
+    gnp: Gnp,
+    features: Features,
+    centres: Tensor,
+    goal: GoalNet,
+    force: SocialForce,
+    neighbours: NeighbourFuture,
+}
+
+impl Parts {
+    /// Seconds of each of the [`STAGES`] of a frame. What cannot be called by itself is a difference of two times.
+    fn stages(&self, frame: &[Observation<'_>]) -> Result<[f64; STAGES.len()]> {
+        let (features, device) = (&self.features, Device::Cpu);
+        let (seen, situations) = timed(|| {
+            Ok(frame.iter().map(|o| features.situation(AugmentedView::recorded(*o))).collect::<Result<Vec<_>, _>>()?)
+        })?;
+        let (inputs, GoalInputs { observed, neighbours, mask }) =
+            timed(|| Ok(features.goal_inputs(&situations, &device)?))?;
+        let modes = self.centres.dim(0)?;
+        let (network, _) = timed(|| Ok(self.goal.predict(&observed, &neighbours, &mask, &self.centres, modes)?))?;
+        let (chosen, goals) = timed(|| Ok(self.gnp.goal_head().predict(frame, GOALS)?))?;
+        let end = |mode: &Mode| mode.path.last().copied().unwrap_or_default();
+        let ends: Vec<Vec<_>> = goals.iter().map(|forecast| forecast.modes.iter().map(end).collect()).collect();
+        let (driven, _) = timed(|| Ok(self.gnp.predict_towards(frame, &ends)?))?;
+        let flat = ends.concat().into_flattened();
+        let ends = Tensor::from_vec(flat, (frame.len(), GOALS, 2), &device)?;
+        let (scene, batch) = timed(|| Ok(features.scene(&situations, ends, self.neighbours, None, &device)?))?;
+        let (roll_out, _) = timed(|| Ok(self.force.roll_out(&batch, Phase::Full)?))?;
+        Ok([seen, inputs, network, chosen - seen - inputs - network, scene, roll_out, driven - seen - scene - roll_out])
+    }
+}
+
+/// What `work` gives, after the seconds it took.
+fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(f64, T)> {
+    let start = Instant::now();
+    let done = work()?;
+    Ok((start.elapsed().as_secs_f64(), done))
 }
 
 /// The first of the embedded recordings.
@@ -85,38 +143,54 @@ fn recordings(config: &RunConfig) -> Result<Vec<Recording>> {
     Ok(read(source, &expect)?.into_iter().map(|(recording, _)| recording).collect())
 }
 
-/// A model of the configuration's sizes with random weights.
-fn model(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Gnp> {
-    let shape = config.windows.shape_for(config.data.rate_hz)?;
-    let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;
-    let features = Features::fit(&config.features, shape, Some(&platoon), windows.iter().copied())?;
-    let weights = [Weights::seeded(1, &Device::Cpu), Weights::seeded(2, &Device::Cpu)];
-    GoalNet::new(&config.goal.net, features.goal_shape(), weights[0].builder())?;
-    SocialForce::new(&config.traj, weights[1].builder())?;
-    let modes = modes(config.modes.modes, shape.t_pred, &features);
-    let header = Header {
-        part: Component::Goal,
-        dataset: config.dataset,
-        simulated: true,
-        shape,
-        features,
-        goal: Some(config.goal.net.clone()),
-        traj: None,
-        seed: 1,
-        code_version: env!("CARGO_PKG_VERSION").to_owned(),
-        split_hash: String::new(),
-        epoch: 0,
-        scores: BTreeMap::new(),
-        origin: None,
-        trust: None,
-        trainer: None,
-    };
-    let force = Header { part: Component::Repulsion, goal: None, traj: Some(config.traj.clone()), ..header.clone() };
-    let [goal, force] = [(header, &weights[0]), (force, &weights[1])].map(|(header, weights)| {
-        let tensors = weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach()));
-        Checkpoint { header, tensors: tensors.collect::<BTreeMap<String, Tensor>>() }
-    });
-    Ok(Gnp::new(modes, &goal, Some(&force), config.predict.neighbours.without_future(), &Device::Cpu)?)
+impl Parts {
+    /// A model of the configuration's sizes with random weights.
+    fn new(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Self> {
+        let shape = config.windows.shape_for(config.data.rate_hz)?;
+        let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;
+        let features = Features::fit(&config.features, shape, Some(&platoon), windows.iter().copied())?;
+        let weights = [Weights::seeded(1, &Device::Cpu), Weights::seeded(2, &Device::Cpu)];
+        GoalNet::new(&config.goal.net, features.goal_shape(), weights[0].builder())?;
+        SocialForce::new(&config.traj, weights[1].builder())?;
+        // As constants, which a prediction keeps no record for.
+        let tensors = weights.map(|weights| {
+            let named = weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach()));
+            named.collect::<BTreeMap<String, Tensor>>()
+        });
+        let [of_goal, of_force] = tensors
+            .each_ref()
+            .map(|tensors| VarBuilder::from_tensors(tensors.clone().into_iter().collect(), DType::F32, &Device::Cpu));
+        let modes = modes(config.modes.modes, shape.t_pred, &features);
+        let header = Header {
+            part: Component::Goal,
+            dataset: config.dataset,
+            simulated: true,
+            shape,
+            features: features.clone(),
+            goal: Some(config.goal.net.clone()),
+            traj: None,
+            seed: 1,
+            code_version: env!("CARGO_PKG_VERSION").to_owned(),
+            split_hash: String::new(),
+            epoch: 0,
+            scores: BTreeMap::new(),
+            origin: None,
+            trust: Some(TRUST),
+            trainer: None,
+        };
+        let traj = Some(config.traj.clone());
+        let force = Header { part: Component::Repulsion, goal: None, traj, ..header.clone() };
+        let goal_net = GoalNet::new(&config.goal.net, features.goal_shape(), of_goal)?;
+        let social_force = SocialForce::new(&config.traj, of_force)?;
+        let [goal, repulsion] = tensors;
+        let goal = Checkpoint { header, tensors: goal };
+        let force = Checkpoint { header: force, tensors: repulsion };
+        let neighbours = config.predict.neighbours.without_future();
+        let centres = features.centres(&modes, &Device::Cpu)?;
+        let gnp = Gnp::new(modes, &goal, Some(&force), neighbours, &Device::Cpu)?;
+        let gnp = gnp.selecting(config.predict.selection).trusting(config.predict.trust)?;
+        Ok(Self { gnp, features, centres, goal: goal_net, force: social_force, neighbours })
+    }
 }
 
 /// Modes that end at different places, 30 m/s apart at most.

@@ -74,11 +74,16 @@ pub(super) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
 ///
 /// # Errors
 /// When the variable names no file.
-fn find(variable: &str, name: &str) -> Result<Option<PathBuf>> {
+pub(super) fn find(variable: &str, name: &str) -> Result<Option<PathBuf>> {
     match std::env::var_os(variable).filter(|path| !path.is_empty()) {
         Some(path) => named(variable, path.into()).map(Some),
-        None => Ok(std::env::var_os("PATH").and_then(|folders| in_path(folders, name))),
+        None => Ok(installed(name)),
     }
+}
+
+/// The program of that name where programs are sought.
+pub(super) fn installed(name: &str) -> Option<PathBuf> {
+    std::env::var_os("PATH").and_then(|folders| in_path(folders, name))
 }
 
 fn named(variable: &str, path: PathBuf) -> Result<PathBuf> {

@@ -1,6 +1,5 @@
 //! All weights of a block as one flat vector, and its parts.
 
-use candle_core::{Result, Tensor};
 use gnp_nn::kernels::transpose;
 
 /// Weights of a block by part, as slices of one vector; maps are `[out, in]`.
@@ -21,8 +20,13 @@ pub(crate) struct Parts<T> {
     pub(crate) norm2: (T, T),
 }
 
+/// Number of weights of a block.
+pub(crate) fn block_weights(width: usize, hidden: usize) -> usize {
+    lengths(width, hidden).iter().sum()
+}
+
 /// Lengths of the parts, in the order in which they lie in the vector.
-pub(crate) fn lengths(width: usize, hidden: usize) -> [usize; 14] {
+fn lengths(width: usize, hidden: usize) -> [usize; 14] {
     let (d, h) = (width, hidden);
     [d * d, 2 * d * d, d, 2 * d, d * d, d, d, d, h * d, h, d * h, d, d, d]
 }
@@ -89,11 +93,4 @@ impl Transposed {
             down: turn(parts.down.0, width, hidden),
         }
     }
-}
-
-/// The weights that `named` lists in the order of [`lengths`], as one vector through which gradients
-/// flow back.
-pub(crate) fn flatten(named: &[&Tensor]) -> Result<Tensor> {
-    let flat = named.iter().map(|tensor| tensor.flatten_all()).collect::<Result<Vec<_>>>()?;
-    Tensor::cat(&flat, 0)
 }

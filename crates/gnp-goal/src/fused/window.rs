@@ -1,18 +1,21 @@
-//! One block on one window, forward and backward, all of it in the cache.
+//! The whole transformer on one window, forward and backward.
 
-use gnp_nn::kernels::{
-    Attention, Rows, RowsMut, Start, add_rows, drop_values, matmul, matmul_transposed, norm, norm_adjoint, relu,
-    relu_adjoint,
-};
+use gnp_nn::kernels::{Rows, RowsMut, Start, add_rows, add_to_rows, matmul, padded, row_products};
 
-use super::parts::{Parts, Transposed};
+use super::layer::{Input, Kept, Layer, Room, Sizes, TokenGradients, next_mut};
+use super::parts::{Parts, Transposed, block_weights};
+use crate::ProbabilityHead;
 use crate::block::BlockMasks;
 
-/// Sizes of a block.
+/// Sizes of the transformer.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Sizes {
-    /// Queries of a window.
-    pub(crate) queries: usize,
+pub(crate) struct Shape {
+    /// Encoder layers.
+    pub(crate) layers: usize,
+    /// Modes, each with a token.
+    pub(crate) modes: usize,
+    /// Modes decoded for a window.
+    pub(crate) picked: usize,
     /// Keys of a window, absent ones included.
     pub(crate) keys: usize,
     /// Width of a token.
@@ -21,159 +24,266 @@ pub(crate) struct Sizes {
     pub(crate) heads: usize,
     /// Hidden units of feed-forward.
     pub(crate) hidden: usize,
+    /// Where modes get their probability.
+    pub(crate) probability: ProbabilityHead,
 }
 
-/// A block ready to run.
-pub(crate) struct Layer<'a> {
-    pub(crate) sizes: Sizes,
-    pub(crate) parts: Parts<&'a [f32]>,
-    pub(crate) transposed: Transposed,
-    pub(crate) masks: BlockMasks,
+impl Shape {
+    fn encoder(&self) -> Sizes {
+        let Self { modes, width, heads, hidden, .. } = *self;
+        Sizes { queries: modes, keys: modes, width, heads, hidden }
+    }
+
+    fn decoder(&self) -> Sizes {
+        let queries = match self.probability {
+            ProbabilityHead::Encoder => self.picked,
+            ProbabilityHead::Decoder => self.modes,
+        };
+        Sizes { queries, keys: self.keys, ..self.encoder() }
+    }
+
+    /// Number of weights: of the encoder's blocks, the decoder and the map to a logit.
+    pub(crate) fn weights(&self) -> usize {
+        (self.layers + 1) * block_weights(self.width, self.hidden) + self.width + 1
+    }
+
+    /// Values that a window leaves for the backward pass.
+    pub(crate) fn kept_values(&self) -> usize {
+        self.layers * self.encoder().kept_values() + self.decoder().kept_values()
+    }
+
+    /// Values of the room to work in.
+    pub(crate) fn room_values(&self) -> usize {
+        4 * padded(self.tokens()) + self.encoder().room_values().max(self.decoder().room_values())
+    }
+
+    /// Values of as many tokens as there ever are of a window.
+    fn tokens(&self) -> usize {
+        self.modes.max(self.picked) * self.width
+    }
 }
 
-/// What the forward pass of one window leaves for the backward pass, and room to work in.
-pub(crate) struct Work {
-    query: Vec<f32>,
-    key_value: Vec<f32>,
-    attention: Attention,
-    gathered: Vec<f32>,
-    normal1: Vec<f32>,
-    scale1: Vec<f32>,
-    between: Vec<f32>,
-    hidden: Vec<f32>,
-    normal2: Vec<f32>,
-    scale2: Vec<f32>,
-    gradients: Option<Gradients>,
+/// The transformer ready to run.
+pub(crate) struct Transformer<'a> {
+    shape: Shape,
+    encoder: Vec<Layer<'a>>,
+    decoder: Layer<'a>,
+    /// Map to a logit: weight `[width]` and bias.
+    logit: (&'a [f32], f32),
 }
 
-/// Room for the backward pass.
-struct Gradients {
-    out: Vec<f32>,
-    between: Vec<f32>,
-    hidden: Vec<f32>,
-    gathered: Vec<f32>,
-    query: Vec<f32>,
-    key_value: Vec<f32>,
+/// Gradients of all weights.
+pub(crate) struct Gradients<'a> {
+    encoder: Vec<Parts<&'a mut [f32]>>,
+    decoder: Parts<&'a mut [f32]>,
+    logit: (&'a mut [f32], &'a mut [f32]),
 }
 
-impl Work {
-    /// Room for the forward pass, and for the backward pass where `backward`.
-    pub(crate) fn new(sizes: &Sizes, backward: bool) -> Self {
-        let Sizes { queries: l, keys, width, heads, hidden } = *sizes;
-        let room = |n: usize| vec![0f32; n];
+impl<'a> Gradients<'a> {
+    /// The parts of `flat`, which lie as the weights do.
+    pub(crate) fn of_mut(mut flat: &'a mut [f32], shape: &Shape) -> Self {
+        let Shape { layers, width, hidden, .. } = *shape;
+        let mut block = || {
+            let (block, rest) = std::mem::take(&mut flat).split_at_mut(block_weights(width, hidden));
+            flat = rest;
+            Parts::of_mut(block, width, hidden)
+        };
+        Self { encoder: (0..layers).map(|_| block()).collect(), decoder: block(), logit: flat.split_at_mut(width) }
+    }
+}
+
+/// What the transformer takes of one window.
+#[derive(Clone, Copy)]
+pub(crate) struct Window<'a> {
+    /// Its place in the batch.
+    pub(crate) index: usize,
+    /// What all modes are, `[modes, width]`.
+    pub(crate) modes: &'a [f32],
+    /// What was observed, `[width]`; a token is the sum of a mode's vector and this one.
+    pub(crate) observed: &'a [f32],
+    /// Existing keys `[n, width]`.
+    pub(crate) keys: &'a [f32],
+}
+
+impl Window<'_> {
+    fn tokens(&self, to: &mut [f32]) {
+        to.copy_from_slice(self.modes);
+        add_to_rows(to, self.observed);
+    }
+}
+
+/// Gradients of what the transformer takes of one window.
+pub(crate) struct WindowGradients<'a> {
+    /// Of the modes `[modes, width]`; added to.
+    pub(crate) modes: &'a mut [f32],
+    /// Of what was observed, `[width]`; added to.
+    pub(crate) observed: &'a mut [f32],
+    /// Of the existing keys `[n, width]`; overwritten.
+    pub(crate) keys: &'a mut [f32],
+}
+
+/// The maps of all blocks, turned: of the encoder's in order, then of the decoder.
+pub(crate) fn transposed(weights: &[f32], shape: &Shape) -> Vec<Transposed> {
+    let Shape { width, hidden, .. } = *shape;
+    let blocks = weights.chunks_exact(block_weights(width, hidden)).take(shape.layers + 1);
+    blocks.map(|block| Transposed::of(&Parts::of(block, width, hidden), width, hidden)).collect()
+}
+
+fn row_range(index: u32, width: usize) -> std::ops::Range<usize> {
+    index as usize * width..(index as usize + 1) * width
+}
+
+impl<'a> Transformer<'a> {
+    /// With `weights` as many as [`Shape::weights`], and the masks of the blocks of the encoder and then of the decoder.
+    pub(crate) fn new(shape: Shape, weights: &'a [f32], masks: &[BlockMasks]) -> Self {
+        let Shape { layers, width, hidden, .. } = shape;
+        let size = block_weights(width, hidden);
+        let layer = |i: usize, sizes: Sizes| Layer {
+            sizes,
+            parts: Parts::of(&weights[i * size..][..size], width, hidden),
+            masks: masks.get(i).copied().unwrap_or(BlockMasks::NONE),
+        };
+        let logit = &weights[(layers + 1) * size..];
         Self {
-            query: room(l * width),
-            key_value: room(keys * 2 * width),
-            attention: Attention::new([l, keys, width, heads], backward),
-            gathered: room(l * width),
-            normal1: room(l * width),
-            scale1: room(l),
-            between: room(l * width),
-            hidden: room(l * hidden),
-            normal2: room(l * width),
-            scale2: room(l),
-            gradients: backward.then(|| Gradients {
-                out: room(l * width),
-                between: room(l * width),
-                hidden: room(l * hidden),
-                gathered: room(l * width),
-                query: room(l * width),
-                key_value: room(keys * 2 * width),
-            }),
+            shape,
+            encoder: (0..layers).map(|i| layer(i, shape.encoder())).collect(),
+            decoder: layer(layers, shape.decoder()),
+            logit: (&logit[..width], logit[width]),
         }
     }
-}
 
-impl Layer<'_> {
-    /// `rows * map + bias` for `[n, inputs]` rows and a transposed map, into `to` `[n, outputs]`.
-    fn map(&self, to: &mut [f32], from: &[f32], map: &[f32], bias: &[f32], n: usize) {
-        let (inputs, outputs) = (map.len() / bias.len(), bias.len());
-        for to in to.chunks_exact_mut(outputs).take(n) {
-            to.copy_from_slice(bias);
+    /// The parts of what a window leaves: of the encoder's blocks, and of the decoder.
+    fn kept<'b>(&self, flat: &'b [f32]) -> (Vec<Kept<&'b [f32]>>, Kept<&'b [f32]>) {
+        let (encoder, decoder) = (self.shape.encoder(), self.shape.decoder());
+        let (blocks, last) = flat.split_at(self.shape.layers * encoder.kept_values());
+        let blocks = blocks.chunks_exact(encoder.kept_values()).map(|block| Kept::of(block, &encoder));
+        (blocks.collect(), Kept::of(last, &decoder))
+    }
+
+    /// Logits of all modes of `window` into `logits` `[modes]`, and the decoded tokens of those that `pick` names for
+    /// them into `decoded` `[picked, width]`; what the backward pass needs into `kept`.
+    pub(crate) fn forward<P: AsRef<[u32]>>(
+        &self,
+        transposed: &[Transposed],
+        window: &Window<'_>,
+        pick: impl FnOnce(&[f32]) -> P,
+        (logits, decoded): (&mut [f32], &mut [f32]),
+        kept: &mut [f32],
+        room: &mut [f32],
+    ) {
+        let Shape { layers, width, .. } = self.shape;
+        let (encoder, decoder) = (self.shape.encoder(), self.shape.decoder());
+        let size = encoder.queries * width;
+        let mut room = room;
+        let [mut x, mut out, rows] = [size, size, self.shape.tokens()].map(|n| next_mut(&mut room, n));
+        window.tokens(x);
+        let (blocks, last) = kept.split_at_mut(layers * encoder.kept_values());
+        let first = window.index * size;
+        for ((layer, t), kept) in
+            self.encoder.iter().zip(transposed).zip(blocks.chunks_exact_mut(encoder.kept_values()))
+        {
+            let mut kept = Kept::of_mut(kept, &encoder);
+            layer.forward(t, Input { x, keys: x, first }, out, &mut kept, &mut Room::of(room, &encoder));
+            std::mem::swap(&mut x, &mut out);
         }
-        let (from, map) = (Rows::new(from, inputs), Rows::new(map, outputs));
-        matmul([n, inputs, outputs], from, map, Start::Add, RowsMut::new(to, outputs));
+        let (t, mut kept, mut room) = (&transposed[layers], Kept::of_mut(last, &decoder), Room::of(room, &decoder));
+        let input = |x| Input { x, keys: window.keys, first: window.index * decoder.queries * width };
+        match self.shape.probability {
+            ProbabilityHead::Encoder => {
+                row_products(logits, x, self.logit.0, self.logit.1);
+                let rows = &mut rows[..decoded.len()];
+                for (to, index) in rows.chunks_exact_mut(width).zip(pick(logits).as_ref()) {
+                    to.copy_from_slice(&x[row_range(*index, width)]);
+                }
+                self.decoder.forward(t, input(rows), decoded, &mut kept, &mut room);
+            }
+            ProbabilityHead::Decoder => {
+                self.decoder.forward(t, input(x), out, &mut kept, &mut room);
+                row_products(logits, out, self.logit.0, self.logit.1);
+                for (to, index) in decoded.chunks_exact_mut(width).zip(pick(logits).as_ref()) {
+                    to.copy_from_slice(&out[row_range(*index, width)]);
+                }
+            }
+        }
     }
 
-    /// The block on `x` `[queries, width]` with the existing `keys` `[n, width]`, into `out`
-    /// `[queries, width]`; `first` is the index of the window's first value in the masks.
-    pub(crate) fn forward(&self, x: &[f32], keys: &[f32], out: &mut [f32], first: usize, work: &mut Work) {
-        let Sizes { queries: l, width, .. } = self.sizes;
-        let (t, p, n) = (&self.transposed, &self.parts, keys.len() / width);
-        self.map(&mut work.query, x, &t.query, p.query.1, l);
-        self.map(&mut work.key_value, keys, &t.key_value, p.key_value.1, n);
-        work.attention.forward(&work.query, &work.key_value[..n * 2 * width], &mut work.gathered);
-        self.map(&mut work.normal1, &work.gathered, &t.output, p.output.1, l);
-        let (mask, between) = ((self.masks.attention, first), &mut work.between);
-        norm(&mut work.normal1, x, mask, p.norm1, &mut work.scale1, between);
-        self.map(&mut work.hidden, &work.between, &t.up, p.up.1, l);
-        relu(&mut work.hidden);
-        self.map(&mut work.normal2, &work.hidden, &t.down, p.down.1, l);
-        let mask = (self.masks.feed_forward, first);
-        norm(&mut work.normal2, &work.between, mask, p.norm2, &mut work.scale2, out);
-    }
-
-    /// Gradients of one window, after [`Layer::forward`] left its `work`: with respect to `x` into
-    /// `d_x`, with respect to the existing `keys` into `d_keys` (added to `d_x` where there is none,
-    /// because then the keys are `x`), and with respect to the weights added to `d`.
-    #[expect(clippy::too_many_arguments, reason = "inputs, their gradients and the place in the mask")]
+    /// The gradients of one window, after [`Transformer::forward`] left its `kept` and picked `picked`, from those of
+    /// what it gave; those of the weights are added to `d`.
     pub(crate) fn backward(
         &self,
-        x: &[f32],
-        keys: &[f32],
-        d_out: &[f32],
-        d_x: &mut [f32],
-        d_keys: Option<&mut [f32]>,
-        d: &mut Parts<&mut [f32]>,
-        first: usize,
-        work: &mut Work,
+        window: &Window<'_>,
+        picked: &[u32],
+        (d_logits, d_decoded): (&[f32], &[f32]),
+        (gradients, d): (WindowGradients<'_>, &mut Gradients<'_>),
+        kept: &[f32],
+        room: &mut [f32],
     ) {
-        let Some(mut room) = work.gradients.take() else { return };
-        let Sizes { queries: l, width, hidden, .. } = self.sizes;
-        let (p, n) = (&self.parts, keys.len() / width);
-
-        room.out.copy_from_slice(d_out);
-        let d_norm = (&mut *d.norm2.0, &mut *d.norm2.1);
-        norm_adjoint(&mut room.out, &work.normal2, &work.scale2, p.norm2.0, d_norm);
-        room.between.copy_from_slice(&room.out);
-        drop_values(&mut room.out, self.masks.feed_forward, first);
-        self.map_gradient(&room.out, &work.hidden, &mut d.down, l);
-        let (d_out, down) = (Rows::new(&room.out, width), Rows::new(p.down.0, hidden));
-        matmul([l, width, hidden], d_out, down, Start::Zero, RowsMut::new(&mut room.hidden, hidden));
-        relu_adjoint(hidden, &mut room.hidden, Rows::new(&work.hidden, hidden));
-        self.map_gradient(&room.hidden, &work.between, &mut d.up, l);
-        let (d_hidden, up) = (Rows::new(&room.hidden, hidden), Rows::new(p.up.0, width));
-        matmul([l, hidden, width], d_hidden, up, Start::Add, RowsMut::new(&mut room.between, width));
-
-        let d_norm = (&mut *d.norm1.0, &mut *d.norm1.1);
-        norm_adjoint(&mut room.between, &work.normal1, &work.scale1, p.norm1.0, d_norm);
-        d_x.copy_from_slice(&room.between);
-        drop_values(&mut room.between, self.masks.attention, first);
-        self.map_gradient(&room.between, &work.gathered, &mut d.output, l);
-        let (d_gathered, output) = (Rows::new(&room.between, width), Rows::new(p.output.0, width));
-        matmul([l, width, width], d_gathered, output, Start::Zero, RowsMut::new(&mut room.gathered, width));
-
-        let (key_value, d_key_value) = (&work.key_value[..n * 2 * width], &mut room.key_value[..n * 2 * width]);
-        work.attention.adjoint(&work.query, key_value, &room.gathered, &mut room.query, d_key_value);
-        self.map_gradient(&room.query, x, &mut d.query, l);
-        let (d_query, query) = (Rows::new(&room.query, width), Rows::new(p.query.0, width));
-        matmul([l, width, width], d_query, query, Start::Add, RowsMut::new(d_x, width));
-        self.map_gradient(&room.key_value, keys, &mut d.key_value, n);
-        let (to, start) = match d_keys {
-            Some(d_keys) => (d_keys, Start::Zero),
-            None => (d_x, Start::Add),
-        };
-        let (d_key_value, maps) = (Rows::new(&room.key_value, 2 * width), Rows::new(p.key_value.0, width));
-        matmul([n, 2 * width, width], d_key_value, maps, start, RowsMut::new(to, width));
-        work.gradients = Some(room);
+        let Shape { width, .. } = self.shape;
+        let (encoder, decoder) = (self.shape.encoder(), self.shape.decoder());
+        let (size, picked_size) = (encoder.queries * width, d_decoded.len());
+        let (blocks, last) = self.kept(kept);
+        let mut room = room;
+        let [x, d_out, d_x, rows] = [self.shape.tokens(); 4].map(|n| next_mut(&mut room, n));
+        let (first, keys) = (window.index * decoder.queries * width, window.keys);
+        let d_keys = Some(gradients.keys);
+        self.output(blocks.len(), window, &blocks, &mut x[..size]);
+        match self.shape.probability {
+            ProbabilityHead::Encoder => {
+                let (d_rows, d_picked) = (&mut d_out[..picked_size], &mut d_x[..picked_size]);
+                let rows = &mut rows[..picked_size];
+                for (to, index) in rows.chunks_exact_mut(width).zip(picked) {
+                    to.copy_from_slice(&x[row_range(*index, width)]);
+                }
+                d_rows.copy_from_slice(d_decoded);
+                let tokens = TokenGradients { out: d_rows, x: d_picked, keys: d_keys };
+                let mut room = Room::of(room, &decoder);
+                self.decoder.backward(Input { x: rows, keys, first }, tokens, &mut d.decoder, &last, &mut room);
+                self.logits_back(&x[..size], d_logits, &mut d_out[..size], d);
+                add_picked(d_out, d_picked, picked, width);
+            }
+            ProbabilityHead::Decoder => {
+                self.decoder.output(&last, &mut rows[..size]);
+                self.logits_back(&rows[..size], d_logits, &mut d_x[..size], d);
+                add_picked(d_x, d_decoded, picked, width);
+                let tokens = TokenGradients { out: &mut d_x[..size], x: &mut d_out[..size], keys: d_keys };
+                let input = Input { x: &x[..size], keys, first };
+                self.decoder.backward(input, tokens, &mut d.decoder, &last, &mut Room::of(room, &decoder));
+            }
+        }
+        let (x, mut d_out, mut d_x) = (&mut x[..size], &mut d_out[..size], &mut d_x[..size]);
+        for (i, ((layer, kept), d)) in self.encoder.iter().zip(&blocks).zip(&mut d.encoder).enumerate().rev() {
+            self.output(i, window, &blocks, x);
+            let input = Input { x, keys: x, first: window.index * size };
+            let tokens = TokenGradients { out: d_out, x: d_x, keys: None };
+            layer.backward(input, tokens, d, kept, &mut Room::of(room, &encoder));
+            std::mem::swap(&mut d_out, &mut d_x);
+        }
+        add_rows(gradients.modes, d_out);
+        add_rows(gradients.observed, d_out);
     }
 
-    /// Adds to the gradients of a map and its bias, for `n` rows of `inputs` and of what came out.
-    fn map_gradient(&self, d_outputs: &[f32], inputs: &[f32], d: &mut (&mut [f32], &mut [f32]), n: usize) {
-        let outputs = d.1.len();
-        let width = d.0.len() / outputs;
-        add_rows(d.1, &d_outputs[..n * outputs]);
-        let (d_outputs, inputs) = (Rows::new(d_outputs, outputs), Rows::new(inputs, width));
-        matmul_transposed([outputs, n, width], d_outputs, inputs, Start::Add, RowsMut::new(d.0, width));
+    /// What the first `count` blocks of the encoder gave.
+    fn output(&self, count: usize, window: &Window<'_>, blocks: &[Kept<&[f32]>], to: &mut [f32]) {
+        match count.checked_sub(1) {
+            Some(last) => self.encoder[last].output(&blocks[last], to),
+            None => window.tokens(to),
+        }
+    }
+
+    /// Into `d_x` the gradient of the tokens `x` in the logits, and to `d` that of the map.
+    fn logits_back(&self, x: &[f32], d_logits: &[f32], d_x: &mut [f32], d: &mut Gradients<'_>) {
+        let (width, n) = (self.shape.width, d_logits.len());
+        let (column, weight) = (Rows::new(d_logits, 1), Rows::new(self.logit.0, width));
+        matmul([n, 1, width], column, weight, Start::Zero, RowsMut::new(d_x, width));
+        let (row, x) = (Rows::new(d_logits, n), Rows::new(x, width));
+        matmul([1, n, width], row, x, Start::Add, RowsMut::new(d.logit.0, width));
+        add_rows(d.logit.1, d_logits);
+    }
+}
+
+/// Adds each of `rows` to the row of `to` from which it was picked.
+fn add_picked(to: &mut [f32], rows: &[f32], picked: &[u32], width: usize) {
+    for (row, index) in rows.chunks_exact(width).zip(picked) {
+        add_rows(&mut to[row_range(*index, width)], row);
     }
 }

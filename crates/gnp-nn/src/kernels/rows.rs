@@ -3,7 +3,6 @@
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::activation::exp_or_zero;
 use super::aligned::LINE;
 use super::matmul::Rows;
 use crate::DropoutMask;
@@ -63,32 +62,6 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
 }
 
 #[inline(always)]
-fn largest(a: &[f32]) -> f32 {
-    let (whole, rest) = a.as_chunks::<LINE>();
-    let mut largest = [f32::MIN; LINE];
-    for a in whole {
-        for i in 0..LINE {
-            largest[i] = if a[i] > largest[i] { a[i] } else { largest[i] };
-        }
-    }
-    largest.iter().chain(rest).copied().fold(f32::MIN, f32::max)
-}
-
-#[inline(always)]
-fn softmax_row(row: &mut [f32], valid: usize) {
-    let (row, padding) = row.split_at_mut(valid);
-    padding.fill(0.);
-    let shift = largest(row);
-    for x in row.iter_mut() {
-        *x = exp_or_zero(*x - shift);
-    }
-    let scale = 1. / sum(row);
-    for x in row.iter_mut() {
-        *x *= scale;
-    }
-}
-
-#[inline(always)]
 fn drop_row(row: &mut [f32], mask: DropoutMask, first: usize) {
     for (i, x) in row.iter_mut().enumerate() {
         *x *= mask.factor(first + i);
@@ -124,24 +97,6 @@ fn add_row(total: &mut [f32], row: &[f32]) {
 pub type Affine<'a> = (&'a [f32], &'a [f32]);
 
 vectorised! {
-    /// Softmax over the first `valid` values of each row of `rows` `[rows, wide]`; the others become 0.
-    fn softmax(rows: &mut [f32], wide: usize, valid: usize) {
-        for row in rows.chunks_exact_mut(wide) {
-            softmax_row(row, valid);
-        }
-    }
-
-    /// The adjoint of [`softmax`] for `weights` `[rows, wide]` that are the softmax of `scale` times
-    /// scores: `gradient` goes from that of the weights to that of the unscaled scores.
-    fn softmax_adjoint(gradient: &mut [f32], weights: &[f32], wide: usize, scale: f32) {
-        for (gradient, weights) in gradient.chunks_exact_mut(wide).zip(weights.chunks_exact(wide)) {
-            let mean = dot(weights, gradient);
-            for (g, w) in gradient.iter_mut().zip(weights) {
-                *g = w * (*g - mean) * scale;
-            }
-        }
-    }
-
     /// The norm of a residual layer, for each row of `y` `[rows, width]`: drops values of `y` (the mask
     /// comes with the index of the first of them in it), adds `x`, normalises `y` in place, keeps the
     /// reciprocal of its deviation in `scales` `[rows]`, and writes `y * weight + bias` to `out`.
@@ -191,6 +146,32 @@ vectorised! {
             let (mean, along) = (sum(gradient) * share, dot(gradient, normalised) * share);
             for (g, n) in gradient.iter_mut().zip(normalised) {
                 *g = scale * (*g - mean - n * along);
+            }
+        }
+    }
+
+    /// Each row of `rows` `[rows, width]` times `weight` plus `bias`, into `to`: what [`norm`] gave, from what it left.
+    fn affine_rows(to: &mut [f32], rows: &[f32], affine: Affine<'_>) {
+        let width = affine.0.len();
+        for (to, row) in to.chunks_exact_mut(width).zip(rows.chunks_exact(width)) {
+            for (((to, x), w), b) in to.iter_mut().zip(row).zip(affine.0).zip(affine.1) {
+                *to = x * w + b;
+            }
+        }
+    }
+
+    /// The product of each row of `rows` `[rows, width]` with `vector` `[width]`, plus `bias`, into `to` `[rows]`.
+    fn row_products(to: &mut [f32], rows: &[f32], vector: &[f32], bias: f32) {
+        for (to, row) in to.iter_mut().zip(rows.chunks_exact(vector.len().max(1))) {
+            *to = dot(row, vector) + bias;
+        }
+    }
+
+    /// Each row of `width` values times its factor; rows begin `stride` values apart.
+    fn scale_rows(rows: &mut [f32], stride: usize, width: usize, factors: &[f32]) {
+        for (row, factor) in rows.chunks_mut(stride.max(1)).zip(factors) {
+            for x in &mut row[..width] {
+                *x *= factor;
             }
         }
     }
@@ -273,18 +254,6 @@ pub fn sum_rows(rows: usize, columns: usize, term: impl Fn(usize, &mut [f32]) + 
 mod tests {
     use super::*;
 
-    #[test]
-    fn softmax_of_large_and_of_equal_values_is_finite() {
-        let mut row = [1000., 1000., 1000. - 2f32.ln(), 7., 7.];
-        softmax(&mut row, 5, 3);
-        for (x, e) in row.iter().zip([0.4, 0.4, 0.2, 0., 0.]) {
-            assert!((x - e).abs() < 1e-4, "{row:?}");
-        }
-        let mut low = [-1e4; 40];
-        softmax(&mut low, 40, 40);
-        assert!(low.iter().all(|x| (x - 0.025).abs() < 1e-7));
-    }
-
     fn values(count: usize, seed: usize) -> Vec<f32> {
         (0..count).map(|i| ((i * 7919 + seed * 104_729) % 1009) as f32 / 504. - 1.).collect()
     }
@@ -304,20 +273,6 @@ mod tests {
     }
 
     #[test]
-    fn the_adjoint_of_a_softmax_is_the_difference() {
-        let (wide, valid, scale) = (20, 17, 0.7);
-        let (scores, upstream) = (values(2 * wide, 1), values(2 * wide, 2));
-        let weights = |scores: &[f32]| {
-            let mut weights: Vec<f32> = scores.iter().map(|x| x * scale).collect();
-            softmax(&mut weights, wide, valid);
-            weights
-        };
-        let mut gradient = upstream.clone();
-        softmax_adjoint(&mut gradient, &weights(&scores), wide, scale);
-        assert_gradient("scores", &gradient, &scores, |scores| dot(&weights(scores), &upstream));
-    }
-
-    #[test]
     fn the_adjoint_of_a_norm_is_the_difference() {
         let (rows, width, mask) = (3, 19, (crate::Dropout::new(0.3, 4).draw(), 5));
         let (y, x, upstream) = (values(rows * width, 1), values(rows * width, 2), values(rows * width, 3));
@@ -325,6 +280,9 @@ mod tests {
         let run = |y: &[f32], x: &[f32], weight: &[f32], bias: &[f32]| {
             let (mut y, mut scales, mut out) = (y.to_vec(), vec![0.; rows], vec![0.; y.len()]);
             norm(&mut y, x, mask, (weight, bias), &mut scales, &mut out);
+            let mut again = vec![9.; out.len()];
+            affine_rows(&mut again, &y, (weight, bias));
+            assert_eq!(again, out);
             (out, y, scales)
         };
         let (_, normalised, scales) = run(&y, &x, &weight, &bias);
@@ -360,6 +318,12 @@ mod tests {
         let mut moved = rows.clone();
         add_to_rows(&mut moved, &[10., 20., 30.]);
         assert_eq!(moved, [10., 21., 32., 13., 24., 35.]);
+        let mut products = [9.; 2];
+        row_products(&mut products, &rows, &[1., 2., 3.], 0.5);
+        assert_eq!(products, [8.5, 26.5]);
+        let mut scaled = rows.clone();
+        scale_rows(&mut scaled[1..], 3, 2, &[2., 3.]);
+        assert_eq!(scaled, [0., 2., 4., 3., 12., 15.]);
         let mut turned = [9.; 6];
         transpose(&mut turned, 3, &rows[1..], 3, [2, 2], 2.);
         assert_eq!(turned, [2., 8., 0., 4., 10., 0.]);

@@ -136,12 +136,12 @@ impl<'a, 'b> Back<'a, 'b> {
             });
             *dv += *dp * dt;
         }
-        let mut undoing = Undoing { motion, dforces: &dforces, dmotion: &mut self.dmotion };
+        let mut undoing = Undoing { chunk, step, motion, dforces: &dforces, dmotion: &mut self.dmotion };
         let learned = Learned::of(batch, tape, run);
         let (dgoals, dtau) = (&mut self.dgoals, &mut self.dtau);
         undoing.undo(
             &GoalAttraction,
-            &chunk.sources(Arity::One, step),
+            Arity::One,
             |row| learned.tau(row),
             |row, vjp, parameters| {
                 dgoals[row] += vjp.source_position;
@@ -152,7 +152,7 @@ impl<'a, 'b> Back<'a, 'b> {
             let dk = &mut self.dk;
             undoing.undo(
                 &VehicleRepulsion,
-                &chunk.sources(Arity::PerNeighbour, step),
+                Arity::PerNeighbour,
                 |pair| learned.k(pair),
                 |i, _, parameters| {
                     dk[i] += parameters[0] * batch.k_max;
@@ -163,7 +163,7 @@ impl<'a, 'b> Back<'a, 'b> {
             let dk = &mut self.dk_line;
             undoing.undo(
                 &LineRepulsion,
-                &chunk.sources(Arity::PerLine, step),
+                Arity::PerLine,
                 |pair| learned.k_line(pair),
                 |i, _, parameters| {
                     dk[i] += parameters[0] * batch.k_max_line;
@@ -174,7 +174,7 @@ impl<'a, 'b> Back<'a, 'b> {
             let arity = term.descriptor.arity;
             undoing.undo(
                 &*term.law,
-                &chunk.sources(arity, step),
+                arity,
                 |_| &term.parameters,
                 |row, vjp, _| {
                     // Goals come row by row; neighbours and lines ask for no gradient here.
@@ -278,7 +278,7 @@ impl<'a, 'b> Back<'a, 'b> {
             add(&mut self.dlatent[row * width..][..width], &dinput[..width]);
             dlatent.copy_from_slice(&dinput[width..]);
         }
-        line_features(chunk, tape.motion.at(step), &mut self.features[..pairs.len() * LINE]);
+        line_features(chunk, pairs, tape.motion.at(step), &mut self.features[..pairs.len() * LINE]);
         let (features, dlatents) =
             (Rows { data: &self.features, stride: LINE }, Rows { data: &self.dlatents, stride: width });
         let dfeatures = RowsMut { data: &mut self.dfeatures, stride: LINE };
@@ -359,18 +359,20 @@ impl<'a, 'b> Back<'a, 'b> {
 }
 
 /// A step while the gradients of its forces are undone, term by term.
-struct Undoing<'a> {
+struct Undoing<'a, 'b> {
+    chunk: &'a Chunk<'b>,
+    step: usize,
     motion: &'a [f32],
     dforces: &'a [Vector2<f32>],
     dmotion: &'a mut [(Vector2<f32>, Vector2<f32>)],
 }
 
-impl Undoing<'_> {
+impl Undoing<'_, '_> {
     /// A term with the parameters of each pair; `take` is given the rest of the gradient, with that of the parameters.
     fn undo<L, P>(
         &mut self,
         law: &L,
-        pairs: &[Pair],
+        arity: Arity,
         parameters: impl Fn(usize) -> P,
         mut take: impl FnMut(usize, &TermVjp<f32>, &[f32]),
     ) where
@@ -378,9 +380,10 @@ impl Undoing<'_> {
         P: AsRef<[f32]>,
     {
         let mut dparameters = vec![0.; law.descriptor().parameters.len()];
-        for (i, &Pair { row, from, .. }) in pairs.iter().enumerate() {
+        let sources: Vec<_> = self.chunk.sources(arity, self.step).collect();
+        for (i, Pair { row, from, .. }) in self.chunk.pairs(arity, &sources).enumerate() {
             let state = state_of(self.motion, row);
-            let vjp = law.vjp(&state, &from, parameters(i).as_ref(), self.dforces[row], &mut dparameters);
+            let vjp = law.vjp(&state, from, parameters(i).as_ref(), self.dforces[row], &mut dparameters);
             let (dp, dv) = &mut self.dmotion[row];
             *dp += vjp.position;
             *dv += vjp.velocity;

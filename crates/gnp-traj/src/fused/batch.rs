@@ -4,13 +4,13 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use candle_core::{DType, Result, Tensor};
-use gnp_force::{Arity, Source, TermDescriptor};
+use gnp_force::{Arity, Source, State, TermDescriptor};
 
 use super::cuts::{Cuts, GROUP};
 use super::layout::{HistoryEncoder, Net, Packed};
 use crate::network::{SocialForce, Terms};
 use crate::roll_out::Sizes;
-use crate::terms::source;
+use crate::terms::line;
 use crate::{Integrator, NeighbourStates, Phase, RollOutBatch};
 
 /// Rows that one thread carries through all steps, at most: as many as use a weight often once it is fetched
@@ -184,6 +184,8 @@ pub(crate) struct ActiveSlots {
     pub(crate) occupied: Vec<(usize, usize)>,
     /// Row and index into `occupied`, for every row in order.
     pub(crate) pairs: Vec<(usize, usize)>,
+    /// The pairs of the first row of each window, which are as many as `occupied`.
+    first_rows: Vec<(usize, usize)>,
 }
 
 impl ActiveSlots {
@@ -193,11 +195,19 @@ impl ActiveSlots {
             let first = active.occupied.len();
             let there = (0..slots).filter(|slot| present[global * slots + slot]);
             active.occupied.extend(there.map(|slot| (window, slot)));
+            active.first_rows.extend((first..active.occupied.len()).map(|i| (window * goals, i)));
             for goal in 0..goals {
                 active.pairs.extend((first..active.occupied.len()).map(|i| (window * goals + goal, i)));
             }
         }
         active
+    }
+}
+
+impl ActiveSlots {
+    /// The pairs, or where the rows of a window are `alike` those of the first.
+    pub(crate) fn distinct(&self, alike: bool) -> &[(usize, usize)] {
+        if alike { &self.first_rows } else { &self.pairs }
     }
 }
 
@@ -273,36 +283,48 @@ impl<'a> Chunk<'a> {
         [self.batch.lines[at], self.batch.lines[at + 1], self.batch.lines[at + 2]]
     }
 
-    /// What a term of that arity acts from in a step, by row and, of neighbours and lines, as in the pairs.
-    pub(crate) fn sources(&self, arity: Arity, step: usize) -> Vec<Pair> {
+    /// What a term of that arity acts from in a step: the goal of every row, or every occupied slot.
+    pub(crate) fn sources(&self, arity: Arity, step: usize) -> impl Iterator<Item = Source<f32>> {
         let time_left = (self.batch.steps - step) as f32 * self.batch.dt;
-        let pair =
-            |row, slot, values: &[f32]| source(arity, slot, values, time_left).map(|from| Pair { row, slot, from });
-        let of = |slots: &ActiveSlots, values: &dyn Fn(usize) -> ([f32; 4], usize)| {
-            let pairs = slots.pairs.iter().filter_map(|&(row, occupied)| {
-                let (values, width) = values(occupied);
-                pair(row, slots.occupied[occupied].1, &values[..width])
-            });
-            pairs.collect()
+        let (slots, rows) = match arity {
+            Arity::One => (&[][..], self.rows()),
+            Arity::PerNeighbour => (&self.neighbours.occupied[..], 0),
+            Arity::PerLine => (&self.lines.occupied[..], 0),
         };
-        match arity {
-            Arity::One => (0..self.rows()).filter_map(|row| pair(row, 0, &self.goal(row))).collect(),
-            Arity::PerNeighbour => of(&self.neighbours, &|occupied| (self.neighbour(step, occupied), 4)),
-            Arity::PerLine => of(&self.lines, &|occupied| {
-                let [y, kind, side] = self.line(occupied);
-                ([y, kind, side, 0.], 3)
-            }),
-        }
+        let goals = (0..rows).map(move |row| Source::Goal { goal: self.goal(row).into(), time_left });
+        let others = slots.iter().enumerate().map(move |(occupied, &(_, slot))| match arity {
+            Arity::PerLine => line(self.line(occupied)),
+            _ => {
+                let [x, y, vx, vy] = self.neighbour(step, occupied);
+                Source::Vehicle { slot, state: State::new(x, y, vx, vy) }
+            }
+        });
+        goals.chain(others)
+    }
+
+    /// Every row with each of the [`sources`](Self::sources) of a term of that arity that acts on it, row by row.
+    pub(crate) fn pairs<'s>(&self, arity: Arity, sources: &'s [Source<f32>]) -> impl Iterator<Item = Pair<'s>> {
+        let (slots, goals) = match arity {
+            Arity::One => (None, sources),
+            Arity::PerNeighbour => (Some(&self.neighbours), &[][..]),
+            Arity::PerLine => (Some(&self.lines), &[][..]),
+        };
+        let goals = goals.iter().enumerate().map(|(row, from)| Pair { row, slot: 0, from });
+        let others = slots.into_iter().flat_map(move |slots| {
+            let pair = |&(row, i): &(usize, usize)| Pair { row, slot: slots.occupied[i].1, from: &sources[i] };
+            slots.pairs.iter().map(pair)
+        });
+        goals.chain(others)
     }
 }
 
 /// A row and what a term acts from on it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Pair {
+pub(crate) struct Pair<'a> {
     pub(crate) row: usize,
     /// Neighbour slot or entry of a line; 0 for the goal.
     pub(crate) slot: usize,
-    pub(crate) from: Source<f32>,
+    pub(crate) from: &'a Source<f32>,
 }
 
 fn quad(values: &[f32], index: usize) -> [f32; 4] {

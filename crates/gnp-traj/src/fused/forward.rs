@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use gnp_force::na::Vector2;
-use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, State, TermDescriptor, VehicleRepulsion};
+use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, Source, State, TermDescriptor, VehicleRepulsion};
 use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut};
 
-use super::batch::{Batch, Chunk, Pair};
+use super::batch::{Batch, Chunk};
 use super::head::{HeadTape, HeadWork};
 use super::history_encoder::HistoryTape;
 use super::layout::{Net, Packed};
@@ -70,31 +70,36 @@ impl Record {
 }
 
 /// The forces of a step while terms add to them, and what is recorded of them.
-struct Adding<'a> {
+struct Adding<'a, 'b> {
+    chunk: &'a Chunk<'b>,
     motion: &'a [f32],
-    forces: Vec<Vector2<f32>>,
+    forces: &'a mut [Vector2<f32>],
+    /// Room for what a term acts from.
+    sources: &'a mut Vec<Source<f32>>,
     record: Option<&'a mut Record>,
-    /// Number of steps, and this one.
-    steps: (usize, usize),
+    step: usize,
     /// Terms so far.
     done: usize,
 }
 
-impl Adding<'_> {
+impl Adding<'_, '_> {
     /// The next term with the parameters of each pair.
-    fn add<L, P>(&mut self, law: &L, pairs: &[Pair], parameters: impl Fn(usize) -> P)
+    fn add<L, P>(&mut self, law: &L, arity: Arity, parameters: impl Fn(usize) -> P)
     where
         L: ForceTerm<f32> + ?Sized,
         P: AsRef<[f32]>,
     {
+        let (step, steps) = (self.step, self.chunk.batch.steps);
         let mut record = self.record.as_mut().and_then(|record| record.terms.get_mut(self.done));
         self.done += 1;
-        for (i, pair) in pairs.iter().enumerate() {
+        self.sources.clear();
+        self.sources.extend(self.chunk.sources(arity, step));
+        self.chunk.pairs(arity, self.sources).enumerate().for_each(|(i, pair)| {
             let parameters = parameters(i);
-            let force = law.force(&state_of(self.motion, pair.row), &pair.from, parameters.as_ref());
+            let force = law.force(&state_of(self.motion, pair.row), pair.from, parameters.as_ref());
             self.forces[pair.row] += force;
             if let Some(record) = &mut record {
-                let at = (pair.row * self.steps.0 + self.steps.1) * record.sources + pair.slot;
+                let at = (pair.row * steps + step) * record.sources + pair.slot;
                 record.forces[2 * at..2 * at + 2].copy_from_slice(force.as_slice());
                 let all = law.descriptor().parameters.iter().zip(parameters.as_ref());
                 let varying = all.filter(|(known, _)| known.varies);
@@ -102,7 +107,7 @@ impl Adding<'_> {
                     values[at] = *value;
                 }
             }
-        }
+        });
     }
 }
 
@@ -205,9 +210,9 @@ pub(crate) fn neighbour_features(chunk: &Chunk<'_>, step: usize, features: &mut 
     }
 }
 
-/// Distance and kind of each line that each row feels, `[pairs, LINE]`.
-pub(crate) fn line_features(chunk: &Chunk<'_>, motion: &[f32], features: &mut [f32]) {
-    for (&(row, occupied), features) in chunk.lines.pairs.iter().zip(features.chunks_exact_mut(LINE)) {
+/// Distance and kind of the line of each pair with a row, `[pairs, LINE]`.
+pub(crate) fn line_features(chunk: &Chunk<'_>, pairs: &[(usize, usize)], motion: &[f32], features: &mut [f32]) {
+    for (&(row, occupied), features) in pairs.iter().zip(features.chunks_exact_mut(LINE)) {
         let [y, kind, _] = chunk.line(occupied);
         features[0] = motion[4 * row + 1] - y;
         features[1] = kind;
@@ -257,6 +262,9 @@ struct Drive<'a, 'b> {
     net: &'a Net<Packed>,
     tape: &'a mut Tape,
     outcome: Outcome,
+    /// On every row in a step.
+    forces: Vec<Vector2<f32>>,
+    sources: Vec<Source<f32>>,
     heads: [HeadWork; 3],
     encoders: [Workspace; 2],
     /// Features and latents of what is encoded at a step.
@@ -283,6 +291,8 @@ impl<'a, 'b> Drive<'a, 'b> {
             net,
             tape,
             outcome: Outcome { path, record: explain.then(|| Record::new(chunk)) },
+            forces: vec![Vector2::zeros(); rows],
+            sources: Vec::with_capacity(rows.max(chunk.neighbours.occupied.len())),
             heads: [&net.tau, &net.k, &net.k_line].map(|layers| HeadWork::new(layers)),
             encoders: [&net.enc_nei, &net.enc_line].map(|layers| Workspace::forward(layers, BLOCK)),
             features: Aligned::zeros(most * LINE),
@@ -325,71 +335,82 @@ impl<'a, 'b> Drive<'a, 'b> {
             input[..width].copy_from_slice(&self.latent[row * width..][..width]);
             input[width..].copy_from_slice(&self.goal_latent[row * width..][..width]);
         }
-        self.tape.tau.forward(&net.tau, run, &mut self.heads[0]);
+        self.tape.tau.forward(&net.tau, run, chunk.rows(), &mut self.heads[0]);
 
         if let Some(future) = &self.tape.future[1] {
             future.latent(&net.history_encoders[1], run, RowsMut { data: &mut self.latent, stride: width });
         }
+        // All goals of a window set out from one state: the first run looks at one of them.
+        let alike = |k: &HeadTape| run == 0 && !k.keep;
         if let Some(k) = &mut self.tape.k {
             let occupied = chunk.neighbours.occupied.len();
             neighbour_features(chunk, step, &mut self.features[..occupied * LINE]);
             let features = Rows { data: &self.features, stride: LINE };
             let latents = RowsMut { data: &mut self.latents, stride: width };
             mlp::forward(&net.enc_nei, &mut self.encoders[0], occupied, features, latents);
-            let entries = chunk.neighbours.pairs.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
+            let pairs = chunk.neighbours.distinct(alike(k));
+            let entries = pairs.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
             for (&(row, occupied), input) in entries {
                 input[..width].copy_from_slice(&self.latent[row * width..][..width]);
                 input[width..].copy_from_slice(&self.latents[occupied * width..][..width]);
             }
-            k.forward(&net.k, run, &mut self.heads[1]);
+            k.forward(&net.k, run, pairs.len(), &mut self.heads[1]);
+            if alike(k) {
+                k.spread(run, chunk.neighbours.pairs.iter().map(|(_, occupied)| *occupied));
+            }
         }
         if let Some(k) = &mut self.tape.k_line {
-            let pairs = chunk.lines.pairs.len();
-            line_features(chunk, self.tape.motion.at(step), &mut self.features[..pairs * LINE]);
+            let pairs = chunk.lines.distinct(alike(k));
+            line_features(chunk, pairs, self.tape.motion.at(step), &mut self.features[..pairs.len() * LINE]);
             let features = Rows { data: &self.features, stride: LINE };
             let latents = RowsMut { data: &mut self.latents, stride: width };
-            mlp::forward(&net.enc_line, &mut self.encoders[1], pairs, features, latents);
-            let entries = chunk.lines.pairs.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
+            mlp::forward(&net.enc_line, &mut self.encoders[1], pairs.len(), features, latents);
+            let entries = pairs.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
             for ((&(row, _), input), line) in entries.zip(self.latents.chunks_exact(width)) {
                 input[..width].copy_from_slice(&self.latent[row * width..][..width]);
                 input[width..].copy_from_slice(line);
             }
-            k.forward(&net.k_line, run, &mut self.heads[2]);
+            k.forward(&net.k_line, run, pairs.len(), &mut self.heads[2]);
+            if alike(k) {
+                k.spread(run, chunk.lines.pairs.iter().map(|(_, occupied)| *occupied));
+            }
         }
     }
 
-    /// The forces on every row in `step`, recorded where that is asked for.
-    fn forces(&mut self, step: usize, run: usize) -> Vec<Vector2<f32>> {
+    /// Sets the forces on every row in `step`, recorded where that is asked for.
+    fn act(&mut self, step: usize, run: usize) {
         let (chunk, batch) = (self.chunk, self.chunk.batch);
+        self.forces.fill(Vector2::zeros());
         let mut adding = Adding {
+            chunk,
             motion: self.tape.motion.at(step),
-            forces: vec![Vector2::zeros(); chunk.rows()],
+            forces: &mut self.forces,
+            sources: &mut self.sources,
             record: self.outcome.record.as_mut(),
-            steps: (batch.steps, step),
+            step,
             done: 0,
         };
         let learned = Learned::of(batch, self.tape, run);
-        adding.add(&GoalAttraction, &chunk.sources(Arity::One, step), |row| learned.tau(row));
+        adding.add(&GoalAttraction, Arity::One, |row| learned.tau(row));
         if batch.sizes.k {
-            adding.add(&VehicleRepulsion, &chunk.sources(Arity::PerNeighbour, step), |pair| learned.k(pair));
+            adding.add(&VehicleRepulsion, Arity::PerNeighbour, |pair| learned.k(pair));
         }
         if batch.sizes.k_line {
-            adding.add(&LineRepulsion, &chunk.sources(Arity::PerLine, step), |pair| learned.k_line(pair));
+            adding.add(&LineRepulsion, Arity::PerLine, |pair| learned.k_line(pair));
         }
         for term in batch.terms.fixed.iter().filter(|term| batch.sizes.sources(term.descriptor.arity) > 0) {
-            let pairs = chunk.sources(term.descriptor.arity, step);
-            adding.add(&*term.law, &pairs, |_| &term.parameters);
+            adding.add(&*term.law, term.descriptor.arity, |_| &term.parameters);
         }
-        adding.forces
     }
 
     /// Moves every row from `step` to the next.
     fn physics(&mut self, step: usize, run: usize) {
         let batch = self.chunk.batch;
         let (dt, steps) = (batch.dt, batch.steps);
-        let forces = self.forces(step, run);
+        self.act(step, run);
         self.tape.motion.carry(step);
-        for ((row, force), state) in forces.iter().enumerate().zip(self.tape.motion.at_mut(step + 1).as_chunks_mut().0)
+        for ((row, force), state) in
+            self.forces.iter().enumerate().zip(self.tape.motion.at_mut(step + 1).as_chunks_mut().0)
         {
             let [x, y, vx, vy] = state;
             let faster = [*vx + force.x * dt, *vy + force.y * dt];

@@ -11,7 +11,7 @@ use super::trace::Trace;
 #[derive(Debug)]
 pub(crate) struct HeadTape {
     rows: usize,
-    keep: bool,
+    pub(crate) keep: bool,
     /// `[rows, inputs]`, to be filled before each run.
     pub(crate) input: Trace,
     /// After the second and later hidden layers; the first is cheap and computed again. Without
@@ -36,15 +36,15 @@ impl HeadTape {
         }
     }
 
-    /// Runs the head on the input of `run`.
-    pub(crate) fn forward(&mut self, layers: &[Packed], run: usize, work: &mut HeadWork) {
+    /// Runs the head on the first `count` rows of the input of `run`.
+    pub(crate) fn forward(&mut self, layers: &[Packed], run: usize, count: usize, work: &mut HeadWork) {
         let Some(((outer, inner), last)) =
             layers.split_last().and_then(|(last, rest)| Some((rest.split_first()?, last)))
         else {
             return;
         };
-        for first in (0..self.rows).step_by(BLOCK) {
-            let rows = BLOCK.min(self.rows - first);
+        for first in (0..count).step_by(BLOCK) {
+            let rows = BLOCK.min(count - first);
             let at = if self.keep { first } else { 0 };
             let x = Rows { data: &self.input.at(run)[first * outer.inputs..], stride: outer.inputs };
             layer(rows, x, outer, true, &mut work.first);
@@ -66,6 +66,15 @@ impl HeadTape {
             for (value, result) in values.iter_mut().zip(work.result.chunks_exact(LINE)) {
                 *value = sigmoid(result[0]);
             }
+        }
+    }
+
+    /// Gives every row the value of the one that `from` names, which does not come after it.
+    pub(crate) fn spread(&mut self, run: usize, from: impl DoubleEndedIterator<Item = usize> + ExactSizeIterator) {
+        let values = self.value.at_mut(run);
+        // The last ones first: what is still to be read is not overwritten.
+        for (row, from) in from.enumerate().rev() {
+            values[row] = values[from];
         }
     }
 

@@ -52,6 +52,42 @@ fn paths_and_gradients_are_those_of_the_graph() -> Outcome {
     Ok(())
 }
 
+#[test]
+fn a_path_without_a_gradient_has_the_bits_of_one_with_it() -> Outcome {
+    for (goals, network_period) in [(1, 1), (3, 1), (4, 3)] {
+        let (force, _) = network(&TrajConfig { network_period, ..small() }, 7)?;
+        let scene = scene(5, goals, 11)?;
+        for phase in [Phase::Attraction, Phase::Repulsion, Phase::Full] {
+            let recorded = values(&force.roll_out_on(Engine::Fused, &scene, phase)?)?;
+            assert_eq!(values(&force.predict(&scene, phase)?)?, recorded, "{goals} goals in {phase:?}");
+            let explained = force.roll_out_explained_on(Engine::Fused, &scene, phase)?;
+            assert_eq!(values(&explained.path)?, recorded, "{goals} goals in {phase:?}, explained");
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn a_frozen_network_gives_the_same_bits_whatever_becomes_of_the_weights_it_was_made_from() -> Outcome {
+    let (network, weights) = network(&small(), 7)?;
+    let frozen = network.frozen()?;
+    let scene = scene(20, 2, 11)?;
+    let wanted = values(&network.predict(&scene, Phase::Full)?)?;
+    for (_, var) in weights.named() {
+        var.set(&(var.as_tensor() * 2.)?)?;
+    }
+    assert_ne!(values(&network.predict(&scene, Phase::Full)?)?, wanted);
+    assert_eq!(values(&frozen.predict(&scene, Phase::Full)?)?, wanted);
+    assert_eq!(values(&frozen.roll_out_explained(&scene, Phase::Full)?.path)?, wanted);
+    assert_close("graph", &values(&frozen.roll_out_on(Engine::Graph, &scene, Phase::Full)?)?, &wanted, 1e-5);
+    // Goals may ask for a gradient still.
+    let goals = Var::from_tensor(&scene.goals)?;
+    let path = frozen.roll_out(&RollOutBatch { goals: goals.as_tensor().clone(), ..scene.clone() }, Phase::Full)?;
+    assert_eq!(values(&path)?, wanted);
+    assert!(path.sqr()?.sum_all()?.backward()?.get(&goals).is_some());
+    Ok(())
+}
+
 /// Losses of an epoch of gradient descent on 24 mini-batches, each of windows of its own.
 fn epoch(engine: Engine) -> Outcome<Vec<f32>> {
     let (network, weights) = network(&small(), 7)?;
