@@ -7,6 +7,10 @@ use candle_core::Device;
 use crate::progress::{Progress, Silent, Stop, Work};
 
 /// Device, progress and stop token. The number of threads is that of rayon's global pool.
+///
+/// A program of one's own is faster when it is started with `CANDLE_NUM_THREADS=1` and `RAYON_NUM_THREADS` set to the number
+/// of threads: candle reads them from the environment, and its own threads wait actively beside rayon's. `gnp` sees to it
+/// itself.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Machine {

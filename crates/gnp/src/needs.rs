@@ -6,12 +6,12 @@
 //!
 //! | run | stage | measured | estimated |
 //! |---|---|---|---|
-//! | `smoke` | evaluation | 111 | 124 |
+//! | `smoke` | evaluation | 118 | 124 |
 //! | `ngsim` | evaluation | 176 | 228 |
-//! | `smoke`, batches of 512, 100 modes, width 64 | goal | 345 | 409 |
-//! | the same | social force | 127 | 102 |
+//! | `smoke`, batches of 512, 100 modes, width 64 | goal | 286 | 409 |
+//! | the same | social force | 119 | 102 |
 //! | `smoke`, width 256, 3 layers | goal | 167 | 197 |
-//! | `smoke`, width 512, 4 layers | goal | 658 | 716 |
+//! | `smoke`, width 512, 4 layers | goal | 746 | 716 |
 //! | `smoke`, hidden 512, decoder 768, 768 | social force | 317 | 386 |
 
 use gnp_data::WindowShape;
@@ -396,12 +396,12 @@ mod tests {
         type Parts = fn(&RunConfig, WindowShape, Option<Counts>) -> Vec<Part>;
         type Case<'a> = (&'a str, &'a [&'a str], [f64; 3], Parts, f64);
         let cases: [Case<'_>; 6] = [
-            ("smoke", &[], [50_295., 4008., 144.], evaluation, 111e6),
+            ("smoke", &[], [50_295., 4008., 144.], evaluation, 118e6),
             ("ngsim", &[], [88_578., 5956., 725.], evaluation, 176e6),
-            ("smoke", &tall, [55_573., 10_101., 222.], goal, 345e6),
-            ("smoke", &tall, [55_573., 10_101., 222.], super::force, 127e6),
-            ("smoke", &wide, [50_295., 4008., 144.], goal, 658e6),
-            ("ngsim", &force, [55_573., 4300., 222.], super::force, 176e6),
+            ("smoke", &tall, [55_573., 10_101., 222.], goal, 286e6),
+            ("smoke", &tall, [55_573., 10_101., 222.], super::force, 119e6),
+            ("smoke", &wide, [50_295., 4008., 144.], goal, 746e6),
+            ("ngsim", &force, [55_573., 4300., 222.], super::force, 254e6),
         ];
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         for (name, set, [rows, windows, vehicles], stage, measured) in cases {
