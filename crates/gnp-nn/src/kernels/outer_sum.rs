@@ -152,7 +152,11 @@ impl Strip<'_> {
     }
 
     /// `R` rows from `row + within` on by `V` vectors of columns from `column` on.
-    #[expect(clippy::needless_range_loop, reason = "sums that are indexed by constants alone stay in registers")]
+    #[expect(
+        clippy::needless_range_loop,
+        clippy::manual_memcpy,
+        reason = "sums that are indexed by constants alone stay in registers"
+    )]
     #[inline(always)]
     fn tile<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, (row, within): (usize, usize), column: usize) {
         let place = |r: usize| (row + within + r) * self.inputs + column;
