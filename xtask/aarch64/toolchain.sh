@@ -9,7 +9,7 @@ place=$(realpath -m "$1")
 if "$place/rustc" --version >/dev/null 2>&1; then exit 0; fi
 new="$place.$$"
 trap 'rm -rf "$new"' EXIT
-mkdir -p "$new"/{lists,archives}/partial "$new/root"
+mkdir -p "$new"/{lists,archives}/partial "$new/system"
 options=(
     -qq -o Debug::NoLocking=1 -o APT::Sandbox::User=root -o Acquire::Languages=none
     -o APT::Architecture=amd64 -o APT::Architectures::=amd64 -o APT::Architectures::=arm64
@@ -21,11 +21,11 @@ apt-get "${options[@]}" -y --no-install-recommends --reinstall --download-only i
 version=$(dpkg-deb --field "$new"/archives/rustc-web_*.deb Version)
 (cd "$new/archives" && apt-get "${options[@]}" download "libstd-rust-web-dev:arm64=$version")
 for package in "$new"/archives/*.deb; do
-    dpkg-deb --extract "$package" "$new/root"
+    dpkg-deb --extract "$package" "$new/system"
 done
 cat >"$new/rustc" <<EOF
 #!/bin/sh
-LD_LIBRARY_PATH="$place/root/usr/lib/x86_64-linux-gnu" exec "$place/root/usr/bin/rustc" "\$@"
+LD_LIBRARY_PATH="$place/system/usr/lib/x86_64-linux-gnu" exec "$place/system/usr/bin/rustc" "\$@"
 EOF
 chmod +x "$new/rustc"
 rm -rf "$new/lists" "$new/archives" "$place"
