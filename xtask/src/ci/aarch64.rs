@@ -22,18 +22,19 @@ const QEMU: &str = "qemu-aarch64";
 /// Where Debian's cross compiler has the C library of that processor.
 const SYSTEM: &str = "/usr/aarch64-linux-gnu";
 
-/// Kernels, networks and clusters: all code that is written for vectors.
-const VECTORS: [&str; 4] = ["gnp-nn", "gnp-goal", "gnp-traj", "gnp-modes"];
+/// All code that is written for vectors. With what it depends on, ten minutes of processor time to build.
+const KERNELS: &str = "gnp-nn";
 
-/// Scalar code; its tests take minutes in the emulator, those of the others seconds.
-const PHYSICS: &str = "gnp-force";
+/// What is built on it, for which dependencies are compiled once more, and the physics, whose tests take minutes in
+/// the emulator.
+const OTHERS: [&str; 4] = ["gnp-goal", "gnp-traj", "gnp-modes", "gnp-force"];
 
 /// How much is built and tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Extent {
-    /// [`VECTORS`] and [`PHYSICS`].
+    /// [`KERNELS`] and [`OTHERS`].
     All,
-    /// [`VECTORS`].
+    /// [`KERNELS`].
     Short,
 }
 
@@ -124,8 +125,8 @@ fn test(root: &Path, means: &Means, extent: Extent, terminal: &Terminal) -> Resu
     ];
     // Examples in documentation are compiled by rustdoc, which belongs to the other compiler.
     let mut arguments = vec!["test", "--tests", "--target", TARGET, "--target-dir", &folder];
-    let physics = (extent == Extent::All).then_some(PHYSICS);
-    arguments.extend(VECTORS.into_iter().chain(physics).flat_map(|package| ["--package", package]));
+    let others = OTHERS.into_iter().filter(|_| extent == Extent::All);
+    arguments.extend([KERNELS].into_iter().chain(others).flat_map(|package| ["--package", package]));
     step(root, terminal, &Step { name: "aarch64", arguments: &arguments, environment: &environment })
 }
 

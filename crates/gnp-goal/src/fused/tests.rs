@@ -191,7 +191,7 @@ fn sizes_that_do_not_fit_are_refused() {
             heads: 3,
             hidden: 36,
             probability: ProbabilityHead::Encoder,
-            picked: Pick::All.of_windows(3, 7).unwrap(),
+            picked: Pick::All.of_windows(3, 7, &candle_core::Device::Cpu).unwrap(),
             masks: vec![BlockMasks { attention: DropoutMask::NONE, feed_forward: DropoutMask::NONE }; 3],
         };
         transformer.apply(tokens, &[weights])
