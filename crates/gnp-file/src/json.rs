@@ -62,7 +62,8 @@ pub fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     });
     let members = members.ok_or("differs from what was written")?;
     let object = [b"{", members].concat();
-    serde_json::from_slice(&object).map_err(|error| format!("cannot be read by this version: {error}"))
+    serde_json::from_slice(&object)
+        .map_err(|error| format!("cannot be read by this version: {}", crate::excerpt(&error.to_string(), 300)))
 }
 
 #[cfg(test)]

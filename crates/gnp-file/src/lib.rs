@@ -47,6 +47,21 @@ impl FileError {
     }
 }
 
+/// The beginning of a text that may have no end, of at most `most` characters: what a message quotes of a file or a
+/// command line.
+///
+/// ```
+/// assert_eq!(gnp_file::excerpt("speed", 10), "speed");
+/// assert_eq!(gnp_file::excerpt("velocity along the road", 8), "velocity...");
+/// ```
+#[must_use]
+pub fn excerpt(text: &str, most: usize) -> String {
+    match text.char_indices().nth(most) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
 /// The folder that `path` is in.
 fn parent(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))

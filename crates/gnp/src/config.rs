@@ -10,6 +10,7 @@ use std::path::Path;
 use crate::error::{Context as _, Error, Result, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
 use gnp_eval::EvalConfig;
+use gnp_file::excerpt;
 use gnp_goal::GoalConfig;
 use gnp_model::{FeatureConfig, NeighbourInput, ReferencePath, Representation, Selection, Trust};
 use gnp_modes::ModeParams;
@@ -18,6 +19,7 @@ use gnp_traj::TrajConfig;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
+use self::keys::QUOTED;
 pub use self::keys::Setting;
 pub(crate) use self::keys::first_difference;
 
@@ -171,9 +173,10 @@ impl RunConfig {
         let mut config: Self = toml::from_str(text).map_err(syntax)?;
         for setting in set {
             keys::set(&mut table, setting)?;
-            ranges::check(&table).with_context(|| format!("--set {}={}", setting.key, setting.text))?;
+            ranges::check(&table)
+                .with_context(|| format!("--set {}={}", setting.key, excerpt(&setting.text, QUOTED)))?;
             let applied = Self::deserialize(table.clone()).map_err(syntax);
-            config = applied.with_context(|| format!("--set {}={}", setting.key, setting.text))?;
+            config = applied.with_context(|| format!("--set {}={}", setting.key, excerpt(&setting.text, QUOTED)))?;
         }
         config.check()?;
         Ok(config)

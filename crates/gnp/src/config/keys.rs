@@ -4,7 +4,11 @@
 //! against it, before anything is deserialised, names the whole path of a wrong key and its neighbours.
 
 use crate::error::{Context as _, Error, Result, bail};
+use gnp_file::excerpt;
 use toml::{Table, Value};
+
+/// Characters that a message quotes of what somebody wrote.
+pub(super) const QUOTED: usize = 80;
 
 /// Keys that take a number or a word.
 const OF_TWO_TYPES: [&str; 1] = ["predict.trust"];
@@ -111,7 +115,7 @@ pub(crate) fn set(table: &mut Table, setting: &Setting) -> Result<()> {
     }
     let known = paths(table);
     if !known.contains(key) {
-        return Err(unknown(key, &known)).context(format!("--set {key}={text}"));
+        return Err(unknown(key, &known)).context(format!("--set {}", excerpt(&format!("{key}={text}"), QUOTED)));
     }
     let mut parts: Vec<&str> = key.split('.').collect();
     let last = parts.pop().unwrap_or_default();
@@ -122,7 +126,8 @@ pub(crate) fn set(table: &mut Table, setting: &Setting) -> Result<()> {
         (old, new) if old.same_type(&new) || OF_TWO_TYPES.contains(&key.as_str()) => new,
         (old, new) => bail!(
             Config,
-            "--set {key}={text}: `{key}` takes a value of type {}, as in `{key} = {old}`; this is of type {}",
+            "--set {key}={}: `{key}` takes a value of type {}, as in `{key} = {old}`; this is of type {}",
+            excerpt(text, QUOTED),
             old.type_str(),
             new.type_str()
         ),
@@ -138,6 +143,7 @@ fn parse(text: &str) -> Value {
 
 /// The error for a key that does not exist.
 fn unknown(path: &str, known: &[String]) -> Error {
+    let quoted = excerpt(path, QUOTED);
     if let Some(now) = renamed(path, known) {
         return Error::Config(format!("key `{path}` is now called `{now}`"));
     }
@@ -151,9 +157,9 @@ fn unknown(path: &str, known: &[String]) -> Error {
     }
     let near = near(path, known);
     if near.is_empty() {
-        Error::Config(format!("unknown key `{path}`; configs/ngsim.toml has every key with a comment"))
+        Error::Config(format!("unknown key `{quoted}`; configs/ngsim.toml has every key with a comment"))
     } else {
-        Error::Config(format!("unknown key `{path}`; near it: `{}`", near.join("`, `")))
+        Error::Config(format!("unknown key `{quoted}`; near it: `{}`", near.join("`, `")))
     }
 }
 
@@ -238,6 +244,13 @@ mod tests {
             let message = set_text(text).unwrap_err().chain();
             assert!(message.contains("of type"), "{message}");
         }
+    }
+
+    #[test]
+    fn a_key_without_end_is_quoted_in_part() {
+        let setting: Setting = format!("{}=1", "k".repeat(3000)).parse().unwrap();
+        let message = set(&mut table(), &setting).unwrap_err().to_string();
+        assert!(message.contains("unknown key `kkk") && message.len() < 500, "{message}");
     }
 
     #[test]

@@ -102,7 +102,7 @@ fn markings(table: &Table, column: &str, text: &str, driving_direction: u8) -> R
             file: table.file.clone(),
             line,
             column: column.to_owned(),
-            value: shortened(text),
+            value: gnp_file::excerpt(text, 60),
             reason: reason.to_owned(),
         },
         Err(e) => e,
@@ -139,15 +139,6 @@ fn markings(table: &Table, column: &str, text: &str, driving_direction: u8) -> R
         lines.reverse();
     }
     Ok(Road { driving_direction, lines, fitted: false })
-}
-
-/// The beginning of a text that may have no end.
-fn shortened(text: &str) -> String {
-    const LONGEST: usize = 60;
-    match text.char_indices().nth(LONGEST) {
-        Some((end, _)) => format!("{}...", &text[..end]),
-        None => text.to_owned(),
-    }
 }
 
 /// The vehicles that are listed, by number, and a sentence for each thing that is repeated or cannot be compared.
