@@ -249,8 +249,10 @@ mod tests {
     #[test]
     fn a_key_without_end_is_quoted_in_part() {
         let setting: Setting = format!("{}=1", "k".repeat(3000)).parse().unwrap();
-        let message = set(&mut table(), &setting).unwrap_err().to_string();
-        assert!(message.contains("unknown key `kkk") && message.len() < 500, "{message}");
+        let outer = set(&mut table(), &setting).unwrap_err().to_string();
+        let inner = unknown(&setting.key, &paths(&table())).to_string();
+        assert!(outer.contains("--set kkk") && inner.contains("unknown key `kkk"), "{outer}: {inner}");
+        assert!(outer.len() + inner.len() < 500, "{outer}: {inner}");
     }
 
     #[test]
