@@ -9,6 +9,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::aligned::Aligned;
+use super::lanes::lanes;
 
 /// Rows of a matrix: row `i` begins at `data[i * stride]`.
 #[derive(Clone, Copy, Debug)]
@@ -141,15 +142,7 @@ pub fn matmul_transposed(sizes: [usize; 3], a: Rows<'_>, b: Rows<'_>, start: Sta
 
 /// Two vectors.
 fn panel_width() -> usize {
-    struct Lanes;
-    impl WithSimd for Lanes {
-        type Output = usize;
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) -> usize {
-            S::F32_LANES
-        }
-    }
-    2 * Arch::new().dispatch(Lanes)
+    2 * lanes()
 }
 
 /// Rows of a tile: as many as leave registers for two vectors of `b` and one value of `a`.
