@@ -58,7 +58,7 @@ pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder}
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};
 pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};
-pub use crate::explain::{Change, Explained, Question, explain};
+pub use crate::explain::{Change, Explained, Question, TracksQuestion, explain, explain_tracks};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
 pub use crate::model::{ExportRequest, Model, export, model_card};

@@ -7,15 +7,16 @@ mod output;
 mod queue;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use gnp_data::{Dataset, Predictor as _};
+use gnp_data::Dataset;
 use gnp_eval::Provenance;
 use gnp_model::Gnp;
 
-use self::input::Input;
+pub(crate) use self::input::Input;
 use self::job::Job;
 pub use self::moments::{Asked, At, AtError, Forecasted, Unpredicted, forecasts};
+pub(crate) use self::moments::{span_s, wrong_rate};
 use self::output::Output;
 use self::queue::Queue;
 use crate::error::{Result, bail};

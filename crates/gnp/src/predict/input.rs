@@ -7,14 +7,14 @@ use gnp_data::{DataError, Dataset, Discovery, FORMATS, Format, Source, survey};
 use crate::error::{Context as _, Result, bail};
 
 /// Tracks that were found.
-pub(super) struct Input {
+pub(crate) struct Input {
     /// The file or folder.
-    pub(super) root: PathBuf,
-    pub(super) dataset: Dataset,
+    pub(crate) root: PathBuf,
+    pub(crate) dataset: Dataset,
     /// Sorted by name.
-    pub(super) sources: Vec<Source>,
+    pub(crate) sources: Vec<Source>,
     /// What is there and not read.
-    pub(super) notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
 }
 
 impl Input {
@@ -22,7 +22,7 @@ impl Input {
     ///
     /// # Errors
     /// When there are none, or several formats fit.
-    pub(super) fn find(root: &Path, format: Option<Dataset>) -> Result<Self> {
+    pub(crate) fn find(root: &Path, format: Option<Dataset>) -> Result<Self> {
         if !root.exists() {
             bail!(Recordings, "there is nothing at {}; give a file of tracks or a folder of them", root.display());
         }

@@ -7,7 +7,7 @@ use std::str::FromStr;
 use gnp_data::{Account, Forecast, Observation, Past, PredictError, Predictor, Recording, Snapshot, WindowShape};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Result, bail};
+use crate::error::{Error, Result, bail};
 
 /// Windows that are predicted at once.
 const BATCH: usize = 256;
@@ -54,7 +54,7 @@ impl At {
     }
 
     /// Frames of a recording, in order, each once, and how many of the asked times are outside of it.
-    fn frames(&self, recording: &Recording) -> (Vec<u32>, u64) {
+    pub(crate) fn frames(&self, recording: &Recording) -> (Vec<u32>, u64) {
         let tracks = recording.tracks();
         let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
         let last = tracks.iter().map(|track| track.last_frame()).max().unwrap_or(0);
@@ -164,14 +164,7 @@ impl Asked {
     pub fn of(recording: &Recording, at: &At, shape: WindowShape) -> Result<Self> {
         let meta = recording.meta();
         let Some(shape) = shape.at_rate(meta.rate_hz) else {
-            bail!(
-                Recordings,
-                "recording {} has {} Hz, which is no whole multiple of the model's {} Hz: resample the tracks, or take a \
-                 model of another rate (`gnp pipeline --set windows.rate_hz=...` trains one)",
-                meta.name,
-                meta.rate_hz,
-                shape.rate_hz
-            );
+            return Err(wrong_rate(recording, shape));
         };
         let (all, outside) = at.frames(recording);
         let (frames, nobody): (Vec<u32>, Vec<u32>) =
@@ -287,6 +280,23 @@ fn predicted(
             if forecasts.iter().all(Option::is_none) { Err(error) } else { Ok(forecasts) }
         }
     }
+}
+
+/// Says that a recording does not have the rate of a model's windows.
+pub(crate) fn wrong_rate(recording: &Recording, shape: WindowShape) -> Error {
+    let (name, found, needs) = (&recording.meta().name, recording.meta().rate_hz, shape.rate_hz);
+    Error::Recordings(format!(
+        "recording {name} has {found} Hz, which is no whole multiple of the model's {needs} Hz: resample the tracks, or take a \
+         model of another rate (`gnp pipeline --set windows.rate_hz=...` trains one)"
+    ))
+}
+
+/// First and last time of a recording on the clock of the tracks, s.
+pub(crate) fn span_s(recording: &Recording) -> [f64; 2] {
+    let tracks = recording.tracks();
+    let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
+    let last = tracks.iter().map(|track| track.last_frame()).max().unwrap_or(0);
+    [first, last].map(|frame| start_s(recording) + f64::from(frame) / recording.meta().rate_hz)
 }
 
 /// Time of frame 0 on the clock of the tracks, s.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-use gnp_data::{Expectation, Past, Predictor, Recording, Source, WindowKey, WindowShape, read};
+use gnp_data::{Expectation, Past, Recording, Source, WindowKey, read};
 use gnp_eval::{ForecastOf, ForecastWriter};
 use gnp_model::Gnp;
 
