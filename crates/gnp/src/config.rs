@@ -5,7 +5,7 @@ mod ranges;
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Context as _, Error, Result, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
@@ -76,6 +76,12 @@ pub struct DataConfig {
     pub rate_hz: f64,
     /// Files or file groups to read, the first by name; 0 reads all.
     pub max_recordings: usize,
+    /// File of the road's line, for tracks in a plane on a road that curves: `--road`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub road: Option<PathBuf>,
+    /// Where lane lines lie beside that line, m, from right to left, positive to the left: `--lines`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lane_lines: Option<Vec<f64>>,
 }
 
 /// `[goal]`: the network, what it learns, how it is trained.
