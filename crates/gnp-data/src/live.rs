@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use crate::assemble::{Rows, VehicleBody};
 use crate::dataset::Dataset;
 use crate::error::DataError;
+use crate::lanes::lane_between;
 use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED, MIN_RATE_HZ};
 use crate::recording::{LaneMarking, Recording, RecordingMeta, Road, VehicleClass};
 use crate::window::Observation;
@@ -283,7 +284,6 @@ impl LiveScene {
 
     /// Number of the lane at `y`, 1 the leftmost; 0 outside the lines.
     fn lane(&self, y: f32) -> i16 {
-        let to_the_right = self.lines.iter().filter(|line| line.y <= y).count();
-        if (1..self.lines.len()).contains(&to_the_right) { (self.lines.len() - to_the_right) as i16 } else { 0 }
+        lane_between(self.lines.iter().map(|line| line.y), y)
     }
 }
