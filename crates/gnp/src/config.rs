@@ -84,6 +84,16 @@ pub struct DataConfig {
     pub lane_lines: Option<Vec<f64>>,
 }
 
+impl DataConfig {
+    /// Replaces what is said of the road; a line from a file comes with the lane lines of that file unless others are given.
+    pub fn set_road(&mut self, file: Option<PathBuf>, lane_lines: Option<Vec<f64>>) {
+        if file.is_some() || lane_lines.is_some() {
+            self.lane_lines = lane_lines;
+        }
+        self.road = file.or(self.road.take());
+    }
+}
+
 /// `[goal]`: the network, what it learns, how it is trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GoalSection {

@@ -4,8 +4,6 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use gnp::{DataConfig, road_options};
-use gnp_data::TrackOptions;
 
 /// `--lines`.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,24 +32,18 @@ impl RoadArgs {
         self.road.is_some() || self.lines.is_some()
     }
 
-    /// Puts what is said into a configuration.
-    pub(crate) fn set(&self, data: &mut DataConfig) -> Result<()> {
-        if let Some(file) = &self.road {
-            // A run may be resumed from another folder.
-            data.road = Some(std::path::absolute(file)?);
-        }
-        if let Some(LaneLines(lines)) = &self.lines {
-            data.lane_lines = Some(lines.clone());
-        }
-        Ok(())
+    /// The file, from the root, as a run may be resumed from another folder, and the lane lines.
+    pub(crate) fn parts(&self) -> Result<(Option<PathBuf>, Option<Vec<f64>>)> {
+        let file = self.road.as_deref().map(std::path::absolute).transpose()?;
+        Ok((file, self.lines.as_ref().map(|LaneLines(lines)| lines.clone())))
     }
 
-    /// The same for readers.
-    ///
-    /// # Errors
-    /// When the file has no road.
-    #[expect(clippy::result_large_err, reason = "the library's error, which it asks for")]
-    pub(crate) fn options(&self) -> gnp::Result<TrackOptions> {
-        road_options(self.road.as_deref(), self.lines.as_ref().map(|LaneLines(lines)| &lines[..]))
-    }
-}
+    /// As they are written on a command line.
+    pub(crate) fn words(&self) -> String {
+        let file = self.road.iter().map(|file| format!(" --road {}", file.display()));
+        let lines = self.lines.iter().map(|LaneLines(lines)| {
+            let lines: Vec<String> = lines.iter().map(f64::to_string).collect();
+            format!(" --lines {}", lines.join(","))
+        });
+        file.chain(lines).collect()
+    }}
