@@ -46,4 +46,5 @@ impl RoadArgs {
             format!(" --lines {}", lines.join(","))
         });
         file.chain(lines).collect()
-    }}
+    }
+}
