@@ -38,6 +38,7 @@ mod recording;
 mod scene_edit;
 pub mod schema;
 mod slot;
+mod snapshot;
 mod split;
 mod standardise;
 mod track_options;
@@ -70,6 +71,7 @@ pub use crate::recording::{
 };
 pub use crate::scene_edit::{EditedScene, SPEED_CHANGE_S, SceneEditError};
 pub use crate::slot::{BySlot, SLOTS, Slot};
+pub use crate::snapshot::{FILL_FROM_S, Past, Present, Snapshot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
 pub use crate::track_options::TrackOptions;
