@@ -109,7 +109,7 @@ fn a_stream_is_the_batch_predictor(recording: &Recording, road: u16, shape: Wind
 #[test]
 fn a_stream_is_the_batch_predictor_ngsim() {
     let recording = embedded("ngsim", Dataset::NGSIM);
-    a_stream_is_the_batch_predictor(&recording, 0, crate::model::SHAPE, 60, 7);
+    a_stream_is_the_batch_predictor(&recording, 0, crate::model::SHAPE, 200, 5);
 }
 
 /// Velocities are recorded, and the model sees every fifth frame.
@@ -120,5 +120,5 @@ fn a_stream_is_the_batch_predictor_highd() {
     let config = WindowConfig { observed_s: 3., predicted_s: 5., rate_hz: 5., stride_s: 1., site_stride_s };
     let shape = config.shape_for(25.).unwrap();
     assert_eq!(shape.step, 5);
-    a_stream_is_the_batch_predictor(&recording, 1, shape, 120, 17);
+    a_stream_is_the_batch_predictor(&recording, 1, shape, 260, 17);
 }

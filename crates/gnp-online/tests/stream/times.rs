@@ -105,7 +105,7 @@ fn a_road_that_curves_is_straightened_and_forecasts_bent_back() {
         for k in 0..6 {
             for (a, b) in plain.path(k).iter().zip(bent.path(k)) {
                 let [x, y] = road.to_world(zero + a[0], a[1]);
-                assert!((x - b[0]).hypot(y - b[1]) < 0.02, "{} {k}: {a:?} {b:?}", plain.id());
+                assert!((x - b[0]).hypot(y - b[1]) < 0.05, "{} {k}: {a:?} {b:?}", plain.id());
             }
         }
     }
