@@ -9,6 +9,7 @@ use gnp_road::ReferenceLine;
 use serde::{Deserialize, Serialize};
 
 use crate::dataset::Dataset;
+use crate::leader::NAMED_LEADER_SIZE;
 use crate::lookup::FrameIndex;
 use crate::slot::{SLOTS, Slot};
 
@@ -22,6 +23,18 @@ pub enum VehicleClass {
     Car,
     /// highD `Truck`, NGSIM class 3; buses as well.
     Truck,
+}
+
+impl VehicleClass {
+    /// Length and width, m, that a vehicle is taken to have where its data does not say.
+    #[must_use]
+    pub const fn default_size(self) -> [f32; 2] {
+        match self {
+            Self::Motorcycle => [2.2, 0.8],
+            Self::Car => NAMED_LEADER_SIZE,
+            Self::Truck => [12., 2.5],
+        }
+    }
 }
 
 /// A lane line of a straight road.
@@ -230,10 +243,10 @@ pub struct Recording {
     pub(crate) frames: FrameIndex,
     /// Place of each lane number in the order from the left, 1 leftmost, where neighbours were found from lanes.
     pub(crate) lane_order: Option<LaneOrder>,
-    /// Names of vehicles whose names in the data are no numbers.
-    pub(crate) names: BTreeMap<u32, String>,
     /// Tracks of one row whose velocity is not known where others' are recorded: in a [`Snapshot`](crate::Snapshot) alone.
     pub(crate) without_velocity: Vec<u32>,
+    /// Names of vehicles whose names in the data are no numbers.
+    pub(crate) names: BTreeMap<u32, String>,
 }
 
 /// Lane numbers of the data, each with its place in the order from the left.

@@ -9,7 +9,7 @@ use crate::config::StreamConfig;
 use crate::error::{OnlineError, Reason};
 use crate::frame::{Entry, Frame, Output, Problem, Validity};
 use crate::samples::{Grid, Keeping, Sample};
-use crate::tracked::{Tracked, default_size};
+use crate::tracked::Tracked;
 use crate::vehicles::Vehicles;
 
 /// A past has a gap where two samples are this many frames of the model apart.
@@ -220,7 +220,7 @@ impl Stream {
             let Some(now) = vehicle.samples.at(time_s) else { continue };
             let now = Sample { time_s, ..now };
             entry.gap_s = entry.gap_s.max(vehicle.samples.onto(&mut room.grid, now, period_s, frames));
-            let [length, width] = vehicle.size.unwrap_or(default_size(vehicle.class));
+            let [length, width] = vehicle.size.unwrap_or(vehicle.class.default_size());
             let body = VehicleBody { class: vehicle.class, length, width, road: 0 };
             let pushed = snapshot.push(place as u32, body, &room.grid.positions, &room.grid.velocities);
             if pushed.is_err() {
