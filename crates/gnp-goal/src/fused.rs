@@ -21,8 +21,8 @@ use gnp_nn::kernels::{Aligned, Pool, add_rows, read, values};
 use rayon::prelude::*;
 
 pub(crate) use self::parts::Transposed;
-pub(crate) use self::window::{Shape, Transformer, Window, transposed};
 use self::window::{Gradients, WindowGradients};
+pub(crate) use self::window::{Shape, Transformer, Window, transposed};
 use crate::ProbabilityHead;
 use crate::block::BlockMasks;
 use crate::pick::Picked;

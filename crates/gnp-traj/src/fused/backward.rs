@@ -104,9 +104,10 @@ impl<'a, 'b> Back<'a, 'b> {
             history_encoders: [0, 1].map(history_encoder),
             tau: trained(phase, 0).then(|| HeadAdjoint::new(&net.tau, &tape.tau, all.clone(), gather.rows)),
             k: tape.k.acts().then(|| HeadAdjoint::new(&net.k, &tape.k, pairs, gather.neighbours)),
-            k_line: tape.k_line.acts().then(|| {
-                HeadAdjoint::new(&net.k_line, &tape.k_line, line_pairs.clone(), gather.lines)
-            }),
+            k_line: tape
+                .k_line
+                .acts()
+                .then(|| HeadAdjoint::new(&net.k_line, &tape.k_line, line_pairs.clone(), gather.lines)),
             encoders: [&net.enc_nei, &net.enc_line].map(|layers| Workspace::adjoint(layers, 2 * BLOCK)),
             dgoal: Aligned::zeros(rows * width),
             dlatent: Aligned::zeros(rows * width),
@@ -271,7 +272,14 @@ impl<'a, 'b> Back<'a, 'b> {
     fn lines(&mut self, tape: &Tape, step: usize, run: usize, gradient: &mut Net<Gradient>) {
         let Some(head) = &mut self.k_line else { return };
         let (net, chunk, width) = (self.net, self.chunk, self.width);
-        head.run(&net.k_line, &tape.k_line, (run, chunk.batch.runs()), &self.dk_line, &mut gradient.k_line, &mut self.scratch);
+        head.run(
+            &net.k_line,
+            &tape.k_line,
+            (run, chunk.batch.runs()),
+            &self.dk_line,
+            &mut gradient.k_line,
+            &mut self.scratch,
+        );
         let pairs = &chunk.lines.pairs;
         let entries = pairs.iter().zip(head.dinput.chunks_exact(2 * width)).zip(self.dlatents.chunks_exact_mut(width));
         for ((&(row, _), dinput), dlatent) in entries {

@@ -139,7 +139,8 @@ impl Tape {
         self.seen.reset(pool, kept(seen), chunk.count() * LINE);
         self.scaled.reset(pool, kept(runs), rows * LINE);
         for (i, history_encoder) in net.history_encoders.iter().enumerate() {
-            let acts = i == 0 || neighbours + lines > 0;
+            // Room for pairs is made also where there happen to be none, so that the next chunk finds it.
+            let acts = i == 0 || if keep { neighbours + lines > 0 } else { batch.sizes.k || batch.sizes.k_line };
             let [windows, rows] = [chunk.count(), rows].map(|rows| if acts { rows } else { 0 });
             let keep = keep && trained(batch.phase, i);
             self.history[i].reset(pool, history_encoder, windows, seen, keep);

@@ -24,19 +24,12 @@ pub(crate) struct HeadTape {
 impl HeadTape {
     /// Room for `runs` runs on `rows` rows, all of them to be kept or not. What is not kept has room for `most` rows, so
     /// that batches of other neighbours find it large enough.
-    pub(crate) fn reset(
-        &mut self,
-        pool: &Pool,
-        layers: &[Packed],
-        [rows, most]: [usize; 2],
-        runs: usize,
-        keep: bool,
-    ) {
+    pub(crate) fn reset(&mut self, pool: &Pool, layers: &[Packed], [rows, most]: [usize; 2], runs: usize, keep: bool) {
         (self.rows, self.keep) = (rows, keep);
+        let (kept, rows) = if keep { (runs, rows) } else { (1, most) };
         if rows == 0 {
             return;
         }
-        let (kept, rows) = if keep { (runs, rows) } else { (1, most) };
         let room = if keep { rows } else { rows.min(BLOCK) };
         let inner = layers.get(1..layers.len().saturating_sub(1)).unwrap_or_default();
         self.input.reset(pool, kept, rows * layers.first().map_or(0, |layer| layer.inputs));
