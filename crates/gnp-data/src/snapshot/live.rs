@@ -27,7 +27,8 @@ impl Snapshot {
             return Err(LiveError::Rate { rate_hz });
         }
         let meta = RecordingMeta::new(Dataset::LIVE, site, "live", rate_hz);
-        let mut snapshot = Self::empty(meta, vec![Road { driving_direction: 2, lines, fitted: false, axis: None }], shape)?;
+        let mut snapshot =
+            Self::empty(meta, vec![Road { driving_direction: 2, lines, fitted: false, axis: None }], shape)?;
         snapshot.begin();
         Ok(snapshot)
     }
