@@ -40,15 +40,16 @@ int main(void) {
         check(gnp_stream_push(stream, time, tracks, sizeof tracks / sizeof *tracks, &result));
     }
 
+    printf("ends of the paths after %.1f s:\n", info.predicted_s);
     for (size_t i = 0; i < result.vehicle_count; i++) {
         const GnpVehicle *vehicle = &result.vehicles[i];
         if (vehicle->validity == GNP_VALIDITY_NONE) {
-            printf("vehicle %llu: %s\n", (unsigned long long)vehicle->id, vehicle->reason);
+            printf("vehicle %llu: %s\n", (unsigned long long)vehicle->id, gnp_reason_text(vehicle->reason));
             continue;
         }
-        printf("vehicle %llu in %.1f s:", (unsigned long long)vehicle->id, (double)result.step_count / info.rate_hz);
+        printf("vehicle %llu at %.1f m:", (unsigned long long)vehicle->id, vehicle->x);
         for (size_t mode = 0; mode < result.mode_count; mode++) {
-            const size_t path = i * result.mode_count + mode;
+            const size_t path = (size_t)vehicle->forecast * result.mode_count + mode;
             const double *end = result.paths + 2 * ((path + 1) * result.step_count - 1);
             printf("  (%.1f, %.1f) m %.0f %%", end[0], end[1], 100.0 * (double)result.probabilities[path]);
         }

@@ -15,7 +15,7 @@ pub const GNP_INTERFACE: u32 = 1;
 /// In `GnpTrack.known`: `vx` and `vy` are measured. Otherwise velocities are differences of positions.
 pub const GNP_HAS_VELOCITY: u32 = 1;
 
-/// In `GnpTrack.known`: `length` and `width` are measured. Otherwise they are those usual for the class.
+/// In `GnpTrack.known`: `length` and `width` are measured. Otherwise they are those usual for the kind.
 pub const GNP_HAS_SIZE: u32 = 2;
 
 /// What a call came to. All but `GNP_STATUS_OK` set what `gnp_last_error` says.
@@ -26,7 +26,7 @@ pub enum GnpStatus {
     Ok = 0,
     /// A pointer that must not be NULL is.
     NullPointer = 1,
-    /// A value that means nothing: a class there is not, lane lines out of order, a number out of its range.
+    /// A value that means nothing: a kind that there is not, lane lines out of order, a number out of its range.
     InvalidArgument = 2,
     /// The model is not there, damaged, or of another version.
     Model = 3,
@@ -429,10 +429,12 @@ pub unsafe extern "C" fn gnp_stream_push(
         }
         let flat = stream.push(time_s, tracks)?;
         terms.clear();
-        terms.extend(flat.term_names.iter().zip(flat.frame.terms()).map(|(name, term)| GnpTerm {
-            name: name.as_ptr(),
-            accelerations: term.totals.as_ptr().cast(),
-        }));
+        terms.extend(
+            flat.term_names
+                .iter()
+                .zip(flat.frame.terms())
+                .map(|(name, term)| GnpTerm { name: name.as_ptr(), accelerations: term.totals.as_ptr().cast() }),
+        );
         let all = GnpResult {
             vehicles: flat.vehicles.as_ptr(),
             vehicle_count: flat.vehicles.len(),

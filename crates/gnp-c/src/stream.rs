@@ -232,8 +232,7 @@ mod tests {
     use crate::border::GnpStatus;
     use crate::failure::guard;
 
-    const LINES: [GnpLine; 3] =
-        [GnpLine { y: -3.7, edge: 1 }, GnpLine { y: 0., edge: 0 }, GnpLine { y: 3.7, edge: 1 }];
+    const LINES: [GnpLine; 3] = [GnpLine { y: -3.7, edge: 1 }, GnpLine { y: 0., edge: 0 }, GnpLine { y: 3.7, edge: 1 }];
 
     fn frame(i: u8) -> [GnpTrack; 2] {
         let (bits, t) = (GNP_HAS_VELOCITY, 0.04 * f64::from(i));
@@ -257,7 +256,10 @@ mod tests {
             assert_eq!((flat.forecasts, flat.vehicles.len()), (2, 2));
             for (it, other) in flat.vehicles.iter().zip(expected.vehicles()) {
                 let position = [it.x, it.y];
-                assert_eq!((it.id, position, it.forecast), (other.id(), other.position(), other.window().unwrap() as i64));
+                assert_eq!(
+                    (it.id, position, it.forecast),
+                    (other.id(), other.position(), other.window().unwrap() as i64)
+                );
             }
             assert_eq!(flat.term_names.len(), expected.terms().len());
             assert!(!flat.term_names.is_empty());
