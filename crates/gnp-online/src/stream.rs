@@ -1,5 +1,7 @@
 //! The streaming predictor.
 
+use std::time::Instant;
+
 use gnp_data::limits::{self, MAX_LANE_WIDTH, MAX_POSITION};
 use gnp_data::{LaneMarking, Observation, Past, PredictError, Snapshot, VehicleBody, WindowShape};
 use gnp_model::{Forecasts, Gnp, ModelError, Workspace};
@@ -234,7 +236,7 @@ impl Stream {
     /// Predicts the snapshot, and says of each vehicle what that rests on.
     fn predict(&mut self) -> Result<(), OnlineError> {
         let Self { gnp, config, vehicles, snapshot, output, room, .. } = self;
-        let Output { entries, forecasts, paths, .. } = output;
+        let Output { entries, forecasts, paths, model_s, .. } = output;
         let gap_s = GAP / snapshot.shape().rate_hz;
         let mut observations = emptied(std::mem::take(&mut room.observations));
         for present in snapshot.vehicles() {
@@ -247,9 +249,11 @@ impl Stream {
             };
             observations.extend(present.observation());
         }
+        let before = Instant::now();
         let result = forecast(gnp, config.k, &mut observations, &mut room.workspace, forecasts, |left_out| {
             entries[vehicles.get(left_out.vehicle() as usize).entry].validity = Validity::Not(Reason::NotFinite);
         });
+        *model_s = before.elapsed().as_secs_f64();
         for (window, observation) in observations.iter().enumerate().filter(|_| result.is_ok()) {
             let entry = &mut entries[vehicles.get(observation.vehicle() as usize).entry];
             entry.window = Some(window);
