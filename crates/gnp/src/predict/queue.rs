@@ -68,6 +68,8 @@ struct State<'a> {
     reading: usize,
     failed: Option<Error>,
     counts: Counts,
+    /// Forecasts, of sources that are not finished, too.
+    made: u64,
     finished_sources: usize,
     finished_before: usize,
 }
@@ -157,7 +159,11 @@ impl<'a> Queue<'a> {
     /// Reads a source and hands out its pieces.
     fn source(&'a self, source: &'a Source, gnp: &Gnp, shared: &Shared<'a>, jobs: usize) -> Result<()> {
         if let Some(counts) = self.output.begin_source(self.input, source)? {
-            locked(&shared.state).finished_before += 1;
+            {
+                let mut state = locked(&shared.state);
+                state.finished_before += 1;
+                state.made += counts.forecasts;
+            }
             self.finished(&counts, &source.name, shared);
             return Ok(());
         }
@@ -200,6 +206,12 @@ impl<'a> Queue<'a> {
             Some(counts) => counts,
             None => self.predict(&recording, &asked, gnp, &part)?,
         };
+        let (done, made) = {
+            let mut state = locked(&shared.state);
+            state.made += counts.forecasts;
+            (state.finished_sources, state.made)
+        };
+        locked(&shared.progress).at(done as u64, &format!("{name}, {made} forecasts"));
         {
             let mut state = locked(&open.state);
             state.counts.add(&counts);
@@ -256,13 +268,13 @@ impl<'a> Queue<'a> {
     }
 
     fn finished(&self, counts: &Counts, name: &str, shared: &Shared<'a>) {
-        let (done, forecasts) = {
+        let (done, made) = {
             let mut state = locked(&shared.state);
             state.counts.add(counts);
             state.finished_sources += 1;
-            (state.finished_sources, state.counts.forecasts)
+            (state.finished_sources, state.made)
         };
-        locked(&shared.progress).at(done as u64, &format!("{name}, {forecasts} forecasts"));
+        locked(&shared.progress).at(done as u64, &format!("{name}, {made} forecasts"));
     }
 }
 
