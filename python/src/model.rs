@@ -1,0 +1,72 @@
+//! A trained model for Python.
+
+use std::path::PathBuf;
+
+use gnp::{Machine, Model};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::error::Failure;
+use crate::predict::{Asked, At, predict};
+use crate::table::Columns;
+use crate::tracks;
+use crate::watch::watched;
+
+/// A trained model; `gnp.Model` holds one.
+#[pyclass(frozen, module = "gnp._gnp", name = "Model")]
+pub(crate) struct PyModel(Model);
+
+/// Most futures of a vehicle that can be asked for.
+const MOST_FUTURES: usize = 1000;
+
+#[pymethods]
+impl PyModel {
+    /// The model in a folder, or the one that comes with the package.
+    #[new]
+    #[pyo3(signature = (path = None))]
+    fn new(py: Python<'_>, path: Option<PathBuf>) -> PyResult<Self> {
+        let model = py.detach(|| Model::open(path.as_deref(), &Machine::default()));
+        model.map(Self).map_err(|error| Failure::from(error).raised(py))
+    }
+
+    /// The card as JSON.
+    fn card(&self) -> String {
+        self.0.card().json()
+    }
+
+    /// The card as text.
+    fn card_text(&self) -> String {
+        self.0.card().text()
+    }
+
+    /// Forecasts as a table, and sentences on what is not among them.
+    #[expect(clippy::too_many_arguments, reason = "as the Python method has them")]
+    fn predict(
+        &self,
+        py: Python<'_>,
+        source: &Bound<'_, PyAny>,
+        at: Option<Vec<f64>>,
+        every: Option<f64>,
+        k: usize,
+        road: Option<Vec<[f64; 2]>>,
+        lines: Option<Vec<f64>>,
+        forces: bool,
+        threads: Option<usize>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<(Columns, Vec<String>)> {
+        if !(1..=MOST_FUTURES).contains(&k) {
+            return Err(PyValueError::new_err(format!("k is {k}, but must be from 1 to {MOST_FUTURES}")));
+        }
+        let at = match (at, every) {
+            (Some(times), _) => At::Times(times),
+            (None, Some(every)) if every > 0. && every.is_finite() => At::Every(every),
+            (None, Some(every)) => return Err(PyValueError::new_err(format!("every is {every}, but must be above 0 s"))),
+            (None, None) => At::Last,
+        };
+        let table = tracks::read(source)?;
+        let options = tracks::options(road, lines)?;
+        let asked = Asked { at, k, forces };
+        let forecasts = watched(py, threads, progress, |machine| predict(&self.0, &table, &options, &asked, machine))?;
+        Ok((forecasts.columns, forecasts.notes))
+    }
+}
