@@ -37,6 +37,7 @@ mod recording;
 mod scene_edit;
 pub mod schema;
 mod slot;
+mod snapshot;
 mod split;
 mod standardise;
 mod velocity;
@@ -64,6 +65,7 @@ pub use crate::recording::{
 };
 pub use crate::scene_edit::{EditedScene, SPEED_CHANGE_S, SceneEditError};
 pub use crate::slot::{BySlot, SLOTS, Slot};
+pub use crate::snapshot::{FILL_FROM_S, Past, Present, Snapshot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
 pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey};
