@@ -289,7 +289,7 @@ mod tests {
     }
 
     fn road() -> Road {
-        Road { driving_direction: 2, lines: Vec::new(), fitted: true }
+        Road { driving_direction: 2, lines: Vec::new(), fitted: true, axis: None }
     }
 
     /// Rows given as (vehicle, frame, x).

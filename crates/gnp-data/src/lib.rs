@@ -19,6 +19,7 @@ mod dataset;
 mod discover;
 mod error;
 mod explanation;
+mod file_coordinates;
 mod foreign;
 mod format;
 mod formats;

@@ -282,7 +282,7 @@ impl LiveScene {
         let bodies: Vec<VehicleBody> = all().map(|(.., body)| body).collect();
         let rows = Rows { velocity, lane, ..Rows::new(vehicle, frames, column(0), column(1)) };
         let meta = RecordingMeta::new(Dataset::LIVE, "live", "live", self.rate_hz);
-        let road = Road { driving_direction: 2, lines: self.lines.clone(), fitted: false };
+        let road = Road { driving_direction: 2, lines: self.lines.clone(), fitted: false, axis: None };
         Recording::without_report(meta, vec![road], rows, |row| bodies[row])
     }
 }

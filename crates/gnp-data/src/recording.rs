@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use gnp_force::MarkingKind;
+use gnp_road::ReferenceLine;
 use serde::{Deserialize, Serialize};
 
 use crate::dataset::Dataset;
@@ -49,6 +50,9 @@ pub struct Road {
     pub lines: Vec<LaneMarking>,
     /// Whether `lines` were fitted from lane numbers and positions instead of being given.
     pub fitted: bool,
+    /// Where the carriageway's frame lies in the plane of the file it comes from, in m; `None` where that is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<ReferenceLine>,
 }
 
 /// Where the velocities of a recording come from.

@@ -76,6 +76,20 @@ pub enum LineError {
     },
 }
 
+impl LineError {
+    /// The point that is at fault, from 1, where it is one.
+    #[must_use]
+    pub fn point(&self) -> Option<usize> {
+        match self {
+            Self::Coordinate { point, .. }
+            | Self::Repeated { point, .. }
+            | Self::Kink { point, .. }
+            | Self::Bend { point, .. } => Some(*point),
+            _ => None,
+        }
+    }
+}
+
 /// Why a position has no place along and across a line.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]

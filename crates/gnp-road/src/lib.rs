@@ -3,6 +3,7 @@
 //!
 //! All lengths are in m, angles in rad, in f64. `s` grows along the line; `d` grows to its left, where the plane is
 //! right-handed (x to the right, y up), and [`ReferenceLine::mirrored`] keeps it so where y points down.
+//! [`RoadFile`] reads the line from a file.
 //!
 //! ```
 //! use gnp_road::ReferenceLine;
@@ -20,6 +21,9 @@
 
 mod boxes;
 mod error;
+mod file;
+mod geojson;
+mod lane_lines;
 mod line;
 mod piece;
 mod plane;
@@ -27,5 +31,7 @@ mod points;
 mod spline;
 
 pub use crate::error::{LineError, OffLine};
+pub use crate::file::{RoadFile, RoadFileError};
+pub use crate::lane_lines::{LaneLinesError, check_lane_lines, parse_lane_lines};
 pub use crate::line::{EXTENSION, REACH, ReferenceLine, RoadPoint};
 pub use crate::points::{MAX_LENGTH, MAX_POINTS, MAX_TURN, MIN_RADIUS, MIN_SPACING};

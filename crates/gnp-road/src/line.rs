@@ -42,6 +42,7 @@ enum Shape {
     /// Without ends.
     Straight {
         origin: Vector,
+        heading: f64,
         direction: Vector,
     },
     Curve(Arc<Curve>),
@@ -116,7 +117,8 @@ impl RoadPoint {
 
 impl ReferenceLine {
     /// A smooth curve through `points`, m, in the order of travel: 5 to 20 m apart where it bends is enough. On a
-    /// radius of 150 m and on clothoids that lead to it the curve is then within 1 cm of the true one.
+    /// radius of 150 m and on clothoids that lead to it the curve is then within 1 cm of the true one. Coordinates are taken
+    /// to the micrometre.
     ///
     /// # Errors
     /// [`LineError`]: fewer than two points, too many, one that is not finite, two in one place, a kink of more than
@@ -124,11 +126,12 @@ impl ReferenceLine {
     /// within [`REACH`] of itself.
     pub fn from_points(points: &[[f64; 2]]) -> Result<Self, LineError> {
         points::check(points)?;
-        let pieces = spline::through(points);
-        points::check_bends(points, &pieces)?;
+        let points: Vec<Vector> = points.iter().map(|point| point.map(kept)).collect();
+        let pieces = spline::through(&points);
+        points::check_bends(&points, &pieces)?;
         let boxes = Boxes::new(&pieces);
         let length = pieces.last().map_or(0., |last| last.from + last.length);
-        let curve = Curve { points: points.to_vec(), pieces, boxes, length };
+        let curve = Curve { points, pieces, boxes, length };
         curve.check_apart()?;
         Ok(Self { shape: Shape::Curve(Arc::new(curve)), reversed: false, mirrored: false })
     }
@@ -137,10 +140,11 @@ impl ReferenceLine {
     /// from the x axis. Both must be finite, else no position has a place on it.
     #[must_use]
     pub fn straight(origin: [f64; 2], heading: f64) -> Self {
+        let (origin, heading) = (origin.map(kept), (heading * 1e12).round() / 1e12);
         let (y, x) = heading.sin_cos();
         // Along an axis exactly, where the angle is rounded.
-        let exact = |c: f64| if c.abs() < 1e-15 { 0. } else { c };
-        let shape = Shape::Straight { origin, direction: [exact(x), exact(y)] };
+        let exact = |c: f64| if c.abs() < 1e-12 { 0. } else { c };
+        let shape = Shape::Straight { origin, heading, direction: [exact(x), exact(y)] };
         Self { shape, reversed: false, mirrored: false }
     }
 
@@ -185,7 +189,7 @@ impl ReferenceLine {
             return Err(OffLine::NotFinite);
         }
         let (along, place) = match &self.shape {
-            Shape::Straight { origin, direction } => {
+            Shape::Straight { origin, direction, .. } => {
                 let along = dot(sub(position, *origin), *direction);
                 (along, straight_on(*origin, *direction, along))
             }
@@ -227,7 +231,7 @@ impl ReferenceLine {
     fn place(&self, s: f64) -> (f64, Place) {
         let along = self.turned(s);
         match &self.shape {
-            Shape::Straight { origin, direction } => (along, straight_on(*origin, *direction, along)),
+            Shape::Straight { origin, direction, .. } => (along, straight_on(*origin, *direction, along)),
             Shape::Curve(curve) => (along, curve.at(along)),
         }
     }
@@ -255,6 +259,11 @@ impl ReferenceLine {
             across: scale(left(place.direction), side),
         }
     }
+}
+
+/// A coordinate to the micrometre: so many digits come back from a file of text as they were, all 17 may not.
+fn kept(coordinate: f64) -> f64 {
+    (coordinate * 1e6).round() / 1e6
 }
 
 fn straight_on(from: Vector, direction: Vector, along: f64) -> Place {
@@ -358,14 +367,14 @@ struct Saved {
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum SavedShape {
-    Straight { origin: Vector, direction: Vector },
+    Straight { origin: Vector, heading: f64 },
     Points(Vec<Vector>),
 }
 
 impl From<ReferenceLine> for Saved {
     fn from(line: ReferenceLine) -> Self {
         let shape = match line.shape {
-            Shape::Straight { origin, direction } => SavedShape::Straight { origin, direction },
+            Shape::Straight { origin, heading, .. } => SavedShape::Straight { origin, heading },
             Shape::Curve(curve) => SavedShape::Points(curve.points.clone()),
         };
         Self { shape, reversed: line.reversed, mirrored: line.mirrored }
@@ -377,12 +386,7 @@ impl TryFrom<Saved> for ReferenceLine {
 
     fn try_from(saved: Saved) -> Result<Self, LineError> {
         let line = match saved.shape {
-            SavedShape::Straight { origin, direction } => {
-                if !is_finite(origin) || (length(direction) - 1.).abs() > 1e-9 {
-                    return Err(LineError::Coordinate { point: 1, position: origin });
-                }
-                Self { shape: Shape::Straight { origin, direction }, reversed: false, mirrored: false }
-            }
+            SavedShape::Straight { origin, heading } => Self::straight(origin, heading),
             SavedShape::Points(points) => Self::from_points(&points)?,
         };
         Ok(Self { reversed: saved.reversed, mirrored: saved.mirrored, ..line })

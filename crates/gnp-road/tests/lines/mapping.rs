@@ -209,15 +209,13 @@ fn what_has_no_place_is_told() {
 fn a_kept_line_is_the_same_line() {
     let road = Road::s_curve();
     let curve = line(&road, &every(10., road.length()));
-    for line in [curve.reversed().mirrored(), curve, ReferenceLine::straight([0., 0.], PI).mirrored()] {
+    for line in [curve.reversed().mirrored(), curve, ReferenceLine::straight([1e5 / 3., 0.1], 1. / 3.).mirrored()] {
         let text = serde_json::to_string(&line).unwrap();
         let back: ReferenceLine = serde_json::from_str(&text).unwrap();
-        // Numbers in JSON may be read back with their last bit changed.
-        assert!(distance(back.to_world(100., 5.), line.to_world(100., 5.)) < 1e-9);
-        assert_eq!(back.points().len(), line.points().len());
+        assert_eq!(back, line);
+        assert_eq!(back.to_world(100., 5.), line.to_world(100., 5.));
+        assert_eq!(serde_json::to_string(&back).unwrap(), text);
     }
     let error = serde_json::from_str::<ReferenceLine>(r#"{"points":[[0.0,0.0]]}"#).unwrap_err().to_string();
     assert!(error.contains("1 points make no line"), "{error}");
-    let error = serde_json::from_str::<ReferenceLine>(r#"{"straight":{"origin":[0,0],"direction":[0,0]}}"#);
-    assert!(error.is_err());
 }
