@@ -3,7 +3,7 @@
 pub(crate) mod aarch64;
 mod dependant;
 pub(crate) mod features;
-mod supply;
+pub(crate) mod supply;
 
 use std::path::Path;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -48,6 +48,8 @@ const PACKAGE: Step<'_> = Step {
         "xtask",
         "--exclude",
         "gnp-fuzz",
+        "--exclude",
+        "gnp-header",
         "--no-verify",
         "--allow-dirty",
     ],
