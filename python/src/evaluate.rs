@@ -19,14 +19,14 @@ use crate::watch::watched;
 const BOOTSTRAP: Bootstrap = Bootstrap { resamples: 1000, seed: 0 };
 
 /// Columns that are read: the vehicle by name or number, and where it is in the plane of the tracks.
-const READ: [&str; 8] = ["vehicle", "vehicle_name", "time_s", "mode", "probability", "step", "x", "y"];
+const READ: [&str; 9] = ["vehicle", "vehicle_name", "time_s", "mode", "probability", "step", "horizon_s", "x", "y"];
 
 /// Forecasts as a table has them.
 struct Given {
     /// Name of the vehicle in each row.
     vehicle: Vec<String>,
-    /// time_s, mode, probability, step, x, y.
-    numbers: [Vec<f64>; 6],
+    /// The other columns of [`READ`], in its order.
+    numbers: [Vec<f64>; 7],
 }
 
 /// A step of a forecast: probability of its mode, and where, m.
@@ -73,7 +73,7 @@ impl Given {
                 return Err(EvaluationError::new_err(format!("column `{name}` of forecasts has numbers that are no ids")));
             }
         };
-        let mut numbers: [Vec<f64>; 6] = Default::default();
+        let mut numbers: [Vec<f64>; 7] = Default::default();
         for (column, name) in numbers.iter_mut().zip(&READ[2..]) {
             *column = match take(name).ok_or_else(|| missing(name))?.values {
                 Values::Numbers(values) => values,
@@ -103,7 +103,7 @@ impl Given {
         let Some(recording) = recordings.first() else { return Ok((ColumnsBuilder::default().finish(), notes)) };
         let futures = self.futures(recording, &mut notes);
         let steps = futures.values().flat_map(BTreeMap::values).map(BTreeMap::len).max().unwrap_or_default();
-        let rate_hz = self.rate_hz(recording);
+        let rate_hz = self.rate_hz()?;
         let config = WindowConfig {
             observed_s,
             predicted_s: steps as f64 / rate_hz,
@@ -135,10 +135,11 @@ impl Given {
         Ok((score_on(&set, &ids, &predictions, rate_hz, protocol, machine)?, notes))
     }
 
-    /// Rate of the steps, Hz: the times of steps are those of the tracks' frames, `horizon_s` is not needed.
-    fn rate_hz(&self, recording: &Recording) -> f64 {
-        let _ = self;
-        recording.meta().rate_hz
+    /// Rate of the steps, Hz.
+    fn rate_hz(&self) -> Result<f64, Failure> {
+        let [_, _, _, step, horizon_s, ..] = &self.numbers;
+        let rate = step.first().zip(horizon_s.first()).map(|(step, horizon_s)| step / horizon_s);
+        rate.filter(|rate| rate.is_finite() && *rate > 0.).ok_or_else(|| EvalError::NoWindows.into())
     }
 
     /// By vehicle and frame; what names no vehicle or no frame is counted.
@@ -147,7 +148,7 @@ impl Given {
         let mut vehicles: BTreeMap<&str, Option<u32>> = BTreeMap::new();
         let mut futures = Futures::new();
         let mut unknown = BTreeSet::new();
-        let [time_s, mode, probability, step, x, y] = &self.numbers;
+        let [time_s, mode, probability, step, _, x, y] = &self.numbers;
         for (row, name) in self.vehicle.iter().enumerate() {
             let frame = ((time_s[row] - meta.start_s) * meta.rate_hz).round();
             match vehicles.entry(name).or_insert_with(|| recording.vehicle_named(name)) {
@@ -165,4 +166,69 @@ impl Given {
         }
         futures
     }
+}
+
+/// A forecast of `steps` steps from `origin`, m in the road frame; `None` where a mode lacks a step or a point has no place on
+/// the road. Probabilities are made to sum to 1.
+fn forecast(
+    modes: &BTreeMap<i64, BTreeMap<i64, Point>>,
+    steps: usize,
+    origin: [f32; 2],
+    to_road: impl Fn([f64; 2]) -> Option<[f64; 2]>,
+) -> Option<Forecast> {
+    let all: f64 = modes.values().filter_map(|mode| mode.values().next()).map(|(probability, _)| probability).sum();
+    let of_mode = |points: &BTreeMap<i64, Point>| {
+        let numbered = points.keys().copied().eq(1..=steps as i64);
+        let (probability, _) = points.values().next().filter(|_| numbered)?;
+        let path = points.values().map(|(_, at)| {
+            let [s, d] = to_road(*at)?;
+            Some([(s - f64::from(origin[0])) as f32, (d - f64::from(origin[1])) as f32])
+        });
+        Some(Mode { probability: (probability / all) as f32, path: path.collect::<Option<_>>()?, explanation: None })
+    };
+    Some(Forecast { modes: modes.values().map(of_mode).collect::<Option<_>>()? })
+}
+
+/// A position in the plane of the tracks, m, in the frame of a carriageway.
+fn from_file(recording: &Recording, road: u16, at: [f64; 2]) -> Option<[f64; 2]> {
+    match recording.roads().get(usize::from(road)).and_then(|road| road.axis.as_ref()) {
+        None => Some(at),
+        Some(axis) => axis.to_road(at).map(|point| [point.s, point.d]),
+    }
+}
+
+fn score_on(
+    set: &WindowSet<'_>,
+    ids: &[WindowId],
+    predictions: &Predictions,
+    rate_hz: f64,
+    protocol: Protocol,
+    machine: &Machine,
+) -> Result<Columns, Failure> {
+    let constant = ConstantVelocity::new(1. / rate_hz).map_err(|error| Failure::Other(error.into()))?;
+    let models = [EvaluatedModel::Predictor(predictions), EvaluatedModel::Predictor(&constant)];
+    let config = EvalConfig { subset: Subset::Test, protocols: vec![protocol], batch: 256, bootstrap: BOOTSTRAP };
+    let work = machine.progress.start("evaluate", 0, ids.len() as u64, "windows");
+    let evaluation = evaluate(set, ids, &models, &config, &mut |batch| {
+        work.at((batch.done * ids.len() / batch.total.max(1)) as u64, "");
+        if machine.stop.is_requested() { Err(EvalError::Stopped) } else { Ok(()) }
+    });
+    let scores = match evaluation {
+        Err(EvalError::Stopped) => return Err(Failure::Stopped),
+        evaluation => evaluation?.scores(&BOOTSTRAP),
+    };
+    let scores: Vec<Score> =
+        scores.into_iter().filter(|score| score.manoeuvre.is_none() && score.site == gnp_eval::ALL_SITES).collect();
+    let mut columns = ColumnsBuilder::default();
+    let missing = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    columns.texts("model", scores.iter().map(|score| score.model.as_str()));
+    columns.texts("metric", scores.iter().map(|score| score.metric.as_str()));
+    columns.numbers("k", scores.iter().map(|score| score.k.unwrap_or_default() as u32).collect());
+    columns.numbers("horizon_s", scores.iter().map(|score| score.horizon_s).collect());
+    columns.numbers("value", scores.iter().map(|score| score.value).collect());
+    columns.numbers("ci_low", scores.iter().map(|score| missing(score.ci_low)).collect());
+    columns.numbers("ci_high", scores.iter().map(|score| missing(score.ci_high)).collect());
+    columns.numbers("windows", scores.iter().map(|score| score.windows as i64).collect());
+    columns.numbers("vehicles", scores.iter().map(|score| score.vehicles as i64).collect());
+    Ok(columns.finish())
 }

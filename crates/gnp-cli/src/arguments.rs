@@ -100,6 +100,20 @@ Examples:
   gnp figures --run runs/ngsim
   gnp figures --run runs/ngsim --data-dir D --out figures-of-d")]
     Figures(FigureArgs),
+    /// Write the trained model of a run as a folder of its own, which needs no recordings: weights and a card.
+    #[command(after_help = "\
+Examples:
+  gnp export --run runs/d --out models/d
+  gnp export --run runs/d --out models/d --name motorway-d --card words.toml
+
+words.toml has title, licence, limits (a list of sentences) and, if they are not those of the run, [scores].")]
+    Export(ExportArgs),
+    /// Say what a model is: data, settings, scores, limits, licence.
+    #[command(after_help = "\
+Examples:
+  gnp info                     the model that comes with the program
+  gnp info runs/ngsim --json   that of a run")]
+    Info(InfoArgs),
     /// Say what is behind one forecast, cause by cause, and what it would be in a changed scene.
     #[command(after_help = "\
 Examples:
@@ -299,6 +313,40 @@ pub struct EvaluateArgs {
     /// Print all tables, as in metrics.md; those of predictions are always printed.
     #[arg(long, conflicts_with = "predictions")]
     pub(crate) tables: bool,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// Which model to write, where to.
+#[derive(Clone, Debug, Args)]
+pub struct ExportArgs {
+    /// The trained run.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run: PathBuf,
+    /// The model folder to make; must not exist or be empty.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Name of the model [default: that of the run folder].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) name: Option<String>,
+    /// TOML with what its makers say of it: title, licence, limits, scores.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) card: Option<PathBuf>,
+    /// On what.
+    #[command(flatten)]
+    pub(crate) machine: MachineArgs,
+}
+
+/// Which model.
+#[derive(Clone, Debug, Args)]
+pub struct InfoArgs {
+    /// Model folder, run folder, or name of a model that comes with the program [default: ngsim].
+    #[arg(value_name = "MODEL")]
+    pub(crate) model: Option<PathBuf>,
+    /// Print the card as JSON instead of text.
+    #[arg(long)]
+    pub(crate) json: bool,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

@@ -8,16 +8,16 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Change, CompareRequest, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _, Question,
-    RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory,
-    score_predictions, score_recordings,
+    Change, CompareRequest, DriveOn, ExportRequest, Machine, Measured, Plan, PredictionsOn, PreparedTable,
+    Progress as _, Question, RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation,
+    Stage, memory, score_predictions, score_recordings,
 };
 use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, CompareArgs, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs,
-    ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
+    Command, CompareArgs, EvaluateArgs, ExplainArgs, ExportArgs, FigureArgs, InfoArgs, IngestArgs, MeasureArgs,
+    PipelineArgs, RealismArgs, ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
 use crate::names::Place;
 use crate::planned::{plan, resolve};
@@ -41,6 +41,8 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
             Ok(gnp::ablate(&table(args, "table2", program)?.0, &crate::machine(&args.machine, program)?)?)
         }
         Command::Figures(args) => figures(args, program),
+        Command::Export(args) => export(args, program),
+        Command::Info(args) => info(args, program),
         Command::Explain(args) => explain(args, program),
         Command::Simulate(args) => simulate(args, program),
         Command::Measure(args) => measure(args, program),
@@ -398,6 +400,24 @@ fn tell(measured: &[Measured], machine: &Machine) {
         machine.progress.result(&one.text);
         machine.progress.note(&format!("tables, figures and report.html: {}", one.out.display()));
     }
+}
+
+fn export(args: &ExportArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let ExportArgs { run, out, name, card, .. } = args.clone();
+    let request = ExportRequest { run, out, name, card };
+    gnp::export(&request, &machine)?;
+    machine.progress.result(&format!("model: {}; its card: {0}/README.md", request.out.display()));
+    Ok(())
+}
+
+fn info(args: &InfoArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let card = gnp::model_card(args.model.as_deref(), &machine)?;
+    let text = if args.json { serde_json::to_string_pretty(&card)? + "\n" } else { card.text() };
+    // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
+    let _ = io::stdout().lock().write_all(text.as_bytes());
+    Ok(())
 }
 
 fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {

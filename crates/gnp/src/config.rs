@@ -27,10 +27,11 @@ pub(crate) use self::keys::first_difference;
 const REFERENCE: &str = include_str!("../configs/smoke.toml");
 
 /// The configurations that come with the project.
-const EMBEDDED: [(&str, &str); 5] = [
+const EMBEDDED: [(&str, &str); 6] = [
     ("ngsim", include_str!("../configs/ngsim.toml")),
     ("highd", include_str!("../configs/highd.toml")),
     ("smoke", REFERENCE),
+    ("pretrained/ngsim", include_str!("../configs/pretrained/ngsim.toml")),
     ("paper/ngsim", include_str!("../configs/paper/ngsim.toml")),
     ("paper/highd", include_str!("../configs/paper/highd.toml")),
 ];
@@ -118,7 +119,8 @@ pub struct PredictConfig {
 }
 
 impl RunConfig {
-    /// A configuration that comes with the project: `ngsim`, `highd`, `smoke`, `paper/ngsim` or `paper/highd`.
+    /// A configuration that comes with the project: `ngsim`, `highd`, `smoke`, `pretrained/ngsim`, `paper/ngsim` or
+    /// `paper/highd`.
     ///
     /// # Errors
     /// When there is none of that name, or a setting cannot be used.

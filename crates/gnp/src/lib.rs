@@ -41,6 +41,7 @@ mod figures;
 mod inside;
 mod machine;
 pub mod memory;
+mod model;
 mod needs;
 mod progress;
 mod realism;
@@ -59,6 +60,7 @@ pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_reco
 pub use crate::explain::{Change, Explained, Question, explain};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
+pub use crate::model::{ExportRequest, Model, export, model_card};
 pub use crate::progress::{Progress, Silent, Stop, Work};
 pub use crate::realism::{RealismPlan, realism, realism_text, save_realism};
 pub use crate::report::{Replayed, can_replay, write_replay, write_report};
@@ -68,6 +70,7 @@ pub use crate::run::manifest::RunFile;
 pub use crate::stages::Plan;
 pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Recipes, ablate};
 pub use crate::traffic::{DriveOn, Measured, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};
+pub use gnp_model::ModelCard;
 pub use gnp_simulation::Scene;
 
 /// The programs of docs/extending.md are compiled and run with the documentation tests.
