@@ -217,6 +217,7 @@ impl Snapshot {
             frames: FrameIndex::default(),
             lane_order: None,
             without_velocity: Vec::new(),
+            names: std::collections::BTreeMap::new(),
         };
         let (vehicles, places, neighbours) = (Vec::new(), Vec::new(), Neighbours::default());
         Ok(Self { recording, shape, frame: 0, vehicles, places, neighbours })
