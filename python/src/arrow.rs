@@ -35,7 +35,9 @@ pub(crate) fn take(object: &Bound<'_, PyAny>) -> PyResult<Vec<ArrowColumn>> {
     // SAFETY: who makes such a capsule promises a stream that follows the C stream interface.
     let mut reader = unsafe { ArrowArrayStreamReader::try_new(Box::new(stream)) }.map_err(failed)?;
     let ArrowDataType::Struct(fields) = reader.field().dtype() else {
-        return Err(TracksError::new_err("the Arrow stream is one column, not a table: give a table with named columns"));
+        return Err(TracksError::new_err(
+            "the Arrow stream is one column, not a table: give a table with named columns",
+        ));
     };
     let mut columns: Vec<ArrowColumn> =
         fields.iter().map(|field| ArrowColumn { name: field.name.to_string(), pieces: Vec::new() }).collect();

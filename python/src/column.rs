@@ -75,7 +75,8 @@ fn of_arrow(py: Python<'_>, name: String, pieces: &[Box<dyn Array>]) -> PyResult
             }
             Err(Unfit::Missing(row)) => {
                 let row = before + row;
-                let message = format!("row {row}, column `{name}`: the text is missing; give one, or leave the row out");
+                let message =
+                    format!("row {row}, column `{name}`: the text is missing; give one, or leave the row out");
                 return Err(tracks_error(py, message, Some(row), Some(&name)));
             }
         };
@@ -135,7 +136,9 @@ fn values_of(array: &dyn Array) -> Result<Values, Unfit> {
                 Some(values) if values.null_count() == 0 => Ok(Values::Numbers(values.values().to_vec())),
                 _ => Ok(Values::Numbers(numbers(array, |value: f64| value).ok_or_else(unfit)?)),
             },
-            PrimitiveType::Float32 => Ok(Values::Numbers(numbers(array, |value: f32| f64::from(value)).ok_or_else(unfit)?)),
+            PrimitiveType::Float32 => {
+                Ok(Values::Numbers(numbers(array, |value: f32| f64::from(value)).ok_or_else(unfit)?))
+            }
             PrimitiveType::Int8 => whole::<i8>(array).ok_or_else(unfit),
             PrimitiveType::Int16 => whole::<i16>(array).ok_or_else(unfit),
             PrimitiveType::Int32 => whole::<i32>(array).ok_or_else(unfit),
@@ -155,7 +158,13 @@ fn values_of(array: &dyn Array) -> Result<Values, Unfit> {
             .or_else(|| dictionary::<u32>(array))
             .or_else(|| dictionary::<u64>(array))
             .unwrap_or_else(|| Err(unfit())),
-        _ => texts(array).ok_or_else(unfit)?.into_iter().enumerate().map(present).collect::<Result<_, _>>().map(Values::Texts),
+        _ => texts(array)
+            .ok_or_else(unfit)?
+            .into_iter()
+            .enumerate()
+            .map(present)
+            .collect::<Result<_, _>>()
+            .map(Values::Texts),
     }
 }
 
@@ -197,6 +206,7 @@ fn dictionary<K: DictionaryKey>(array: &dyn Array) -> Option<Result<Values, Unfi
     let Some(words) = texts(array.values().as_ref()) else {
         return Some(Err(Unfit::Type(format!("{:?}", array.dtype()))));
     };
-    let word = |(row, key): (usize, Option<usize>)| present((row, key.and_then(|key| words.get(key).copied().flatten())));
+    let word =
+        |(row, key): (usize, Option<usize>)| present((row, key.and_then(|key| words.get(key).copied().flatten())));
     Some(array.keys_iter().enumerate().map(word).collect::<Result<_, _>>().map(Values::Texts))
 }

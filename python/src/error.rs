@@ -2,20 +2,31 @@
 
 use std::error::Error;
 
-use gnp_data::{DataError, PredictError};
+use gnp_data::{DataError, PredictError, WindowError};
 use gnp_eval::EvalError;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt};
 use pyo3::prelude::*;
 
-create_exception!(gnp, GnpError, PyException, "Whatever goes wrong in gnp; the message says where, what and what to do.");
+create_exception!(
+    gnp,
+    GnpError,
+    PyException,
+    "Whatever goes wrong in gnp; the message says where, what and what to do."
+);
 create_exception!(
     gnp,
     TracksError,
     GnpError,
     "Tracks that cannot be read. `row` (from 0) and `column` say where, None where it is no single place."
 );
-create_exception!(gnp, ModelError, GnpError, "A model that is not there, is damaged, or does not fit what it is asked.");
+create_exception!(
+    gnp,
+    ModelError,
+    GnpError,
+    "A model that is not there, is damaged, or does not fit what it is asked."
+);
+create_exception!(gnp, OnlineError, GnpError, "A frame that a stream refuses.");
 create_exception!(gnp, ForceError, GnpError, "A number that the physics does not allow.");
 create_exception!(gnp, EvaluationError, GnpError, "Forecasts that cannot be scored.");
 
@@ -30,6 +41,8 @@ pub(crate) enum Failure {
     Evaluation(EvalError),
     /// Somebody asked to stop, which Python says itself.
     Stopped,
+    /// Something that the tracks do not have.
+    Question(String),
     /// Anything else.
     Other(gnp::Error),
 }
@@ -37,6 +50,12 @@ pub(crate) enum Failure {
 impl From<DataError> for Failure {
     fn from(error: DataError) -> Self {
         Self::Tracks(error)
+    }
+}
+
+impl From<WindowError> for Failure {
+    fn from(error: WindowError) -> Self {
+        Self::Model(Box::new(error))
     }
 }
 
@@ -71,6 +90,7 @@ impl Failure {
             }
             Self::Model(error) => ModelError::new_err(chain(&*error)),
             Self::Evaluation(error) => EvaluationError::new_err(chain(&error)),
+            Self::Question(message) => TracksError::new_err(message),
             Self::Stopped => PyKeyboardInterrupt::new_err(()),
             Self::Other(error) => {
                 let mut inner = &error;
@@ -110,7 +130,7 @@ fn place_of(place: &str) -> (Option<usize>, Option<String>) {
 }
 
 /// An error with all that caused it.
-fn chain(error: &(dyn Error + 'static)) -> String {
+pub(crate) fn chain(error: &(dyn Error + 'static)) -> String {
     let mut text = error.to_string();
     let mut next = error.source();
     while let Some(cause) = next {
@@ -129,6 +149,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("GnpError", py.get_type::<GnpError>())?;
     module.add("TracksError", py.get_type::<TracksError>())?;
     module.add("ModelError", py.get_type::<ModelError>())?;
+    module.add("OnlineError", py.get_type::<OnlineError>())?;
     module.add("ForceError", py.get_type::<ForceError>())?;
     module.add("EvaluationError", py.get_type::<EvaluationError>())
 }

@@ -4,13 +4,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use gnp::Machine;
 use gnp_baselines::ConstantVelocity;
-use gnp_data::{DataError, Forecast, Mode, Recording, Subset, TrackOptions, TrackTable, WindowConfig, WindowId, WindowSet};
+use gnp_data::{
+    DataError, Forecast, Mode, Recording, Subset, TrackOptions, TrackTable, WindowConfig, WindowId, WindowSet,
+};
 use gnp_eval::{Bootstrap, EvalConfig, EvalError, EvaluatedModel, Prediction, Predictions, Protocol, Score, evaluate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::column::{Column, Values, columns};
 use crate::error::{EvaluationError, Failure};
+use crate::remarks::Remarks;
 use crate::table::{Columns, ColumnsBuilder};
 use crate::tracks;
 use crate::watch::watched;
@@ -48,7 +51,7 @@ pub(crate) fn score(
     lines: Option<Vec<f64>>,
     threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(Columns, Vec<String>)> {
+) -> PyResult<(Columns, Remarks)> {
     let Some(protocol) = Protocol::ALL.into_iter().find(|known| known.name() == protocol) else {
         let known = Protocol::ALL.map(Protocol::name).join(", ");
         return Err(PyValueError::new_err(format!("protocol is '{protocol}', but must be one of {known}")));
@@ -62,15 +65,19 @@ pub(crate) fn score(
 impl Given {
     fn read(source: &Bound<'_, PyAny>) -> PyResult<Self> {
         let mut found = columns(source, |name| READ.contains(&name))?;
-        let missing = |name: &str| EvaluationError::new_err(format!("forecasts have no column `{name}`: see Model.predict"));
-        let mut take = |name: &str| found.iter().position(|column| column.name == name).map(|index| found.swap_remove(index));
+        let missing =
+            |name: &str| EvaluationError::new_err(format!("forecasts have no column `{name}`: see Model.predict"));
+        let mut take =
+            |name: &str| found.iter().position(|column| column.name == name).map(|index| found.swap_remove(index));
         let number = take("vehicle");
         let Column { name, values } = take("vehicle_name").or(number).ok_or_else(|| missing("vehicle"))?;
         let vehicle = match values {
             Values::Texts(names) => names,
             Values::Whole(numbers) => numbers.iter().map(i64::to_string).collect(),
             Values::Numbers(_) => {
-                return Err(EvaluationError::new_err(format!("column `{name}` of forecasts has numbers that are no ids")));
+                return Err(EvaluationError::new_err(format!(
+                    "column `{name}` of forecasts has numbers that are no ids"
+                )));
             }
         };
         let mut numbers: [Vec<f64>; 7] = Default::default();
@@ -79,11 +86,16 @@ impl Given {
                 Values::Numbers(values) => values,
                 Values::Whole(values) => values.into_iter().map(|value| value as f64).collect(),
                 Values::Texts(_) => {
-                    return Err(EvaluationError::new_err(format!("column `{name}` of forecasts has texts: give numbers")));
+                    return Err(EvaluationError::new_err(format!(
+                        "column `{name}` of forecasts has texts: give numbers"
+                    )));
                 }
             };
             if let Some(row) = column.iter().position(|value| !value.is_finite()) {
-                return Err(EvaluationError::new_err(format!("forecasts, row {row}, column `{name}`: {}", column[row])));
+                return Err(EvaluationError::new_err(format!(
+                    "forecasts, row {row}, column `{name}`: {}",
+                    column[row]
+                )));
             }
         }
         Ok(Self { vehicle, numbers })
@@ -97,11 +109,12 @@ impl Given {
         observed_s: f64,
         protocol: Protocol,
         machine: &Machine,
-    ) -> Result<(Columns, Vec<String>), Failure> {
+    ) -> Result<(Columns, Remarks), Failure> {
         let (recordings, reports): (Vec<_>, Vec<_>) = tracks.recordings(options)?.into_iter().unzip();
-        let mut notes: Vec<String> = reports.iter().flat_map(|report| report.remarks()).collect();
-        let Some(recording) = recordings.first() else { return Ok((ColumnsBuilder::default().finish(), notes)) };
-        let futures = self.futures(recording, &mut notes);
+        let mut remarks = Remarks::default();
+        reports.iter().for_each(|report| remarks.add(report));
+        let Some(recording) = recordings.first() else { return Ok((ColumnsBuilder::default().finish(), remarks)) };
+        let futures = self.futures(recording, &mut remarks);
         let steps = futures.values().flat_map(BTreeMap::values).map(BTreeMap::len).max().unwrap_or_default();
         let rate_hz = self.rate_hz()?;
         let config = WindowConfig {
@@ -125,14 +138,14 @@ impl Given {
         }
         let unscored = futures.len() - ids.len();
         if unscored > 0 {
-            notes.push(format!(
+            remarks.left_out.push(format!(
                 "{unscored} forecasts are not scored: the tracks do not have all {observed_s} s before or all {} s after, or \
                  the forecast has fewer steps than others",
                 config.predicted_s
             ));
         }
         let predictions = Predictions::new(name, predictions);
-        Ok((score_on(&set, &ids, &predictions, rate_hz, protocol, machine)?, notes))
+        Ok((score_on(&set, &ids, &predictions, rate_hz, protocol, machine)?, remarks))
     }
 
     /// Rate of the steps, Hz.
@@ -143,7 +156,7 @@ impl Given {
     }
 
     /// By vehicle and frame; what names no vehicle or no frame is counted.
-    fn futures(&self, recording: &Recording, notes: &mut Vec<String>) -> Futures {
+    fn futures(&self, recording: &Recording, remarks: &mut Remarks) -> Futures {
         let meta = recording.meta();
         let mut vehicles: BTreeMap<&str, Option<u32>> = BTreeMap::new();
         let mut futures = Futures::new();
@@ -162,7 +175,11 @@ impl Given {
         }
         if !unknown.is_empty() {
             let some: Vec<&str> = unknown.iter().take(3).copied().collect();
-            notes.push(format!("forecasts of {} vehicles that have no tracks are left out, of {}", unknown.len(), some.join(", ")));
+            remarks.left_out.push(format!(
+                "forecasts of {} vehicles that have no tracks are left out, of {}",
+                unknown.len(),
+                some.join(", ")
+            ));
         }
         futures
     }

@@ -2,8 +2,8 @@
 
 use gnp_force::na::{Point2, Vector2};
 use gnp_force::{
-    Driver, Extent, Follower, MarkingKind, Platoon, Side, box_force, following_acceleration, free_acceleration, goal_force,
-    interaction, line_force, terms, vehicle_force,
+    Driver, Extent, Follower, MarkingKind, Platoon, Side, box_force, following_acceleration, free_acceleration,
+    goal_force, interaction, line_force, terms, vehicle_force,
 };
 use pyo3::buffer::PyBuffer;
 use pyo3::exceptions::PyValueError;
@@ -39,7 +39,18 @@ fn each<const N: usize, const M: usize>(
 /// Attraction by a goal; `out` is `[rows, 2]`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "an argument is a column")]
-fn goal(py: Python<'_>, x: Array, y: Array, vx: Array, vy: Array, gx: Array, gy: Array, time: Array, tau: Array, out: Array) -> PyResult<()> {
+fn goal(
+    py: Python<'_>,
+    x: Array,
+    y: Array,
+    vx: Array,
+    vy: Array,
+    gx: Array,
+    gy: Array,
+    time: Array,
+    tau: Array,
+    out: Array,
+) -> PyResult<()> {
     each(py, [&x, &y, &vx, &vy, &gx, &gy, &time, &tau], &out, |[x, y, vx, vy, gx, gy, time, tau]| {
         goal_force(Point2::new(x, y), Vector2::new(vx, vy), Point2::new(gx, gy), time, tau).into()
     })
@@ -119,25 +130,21 @@ fn following(
         "interaction" => Part::Interaction,
         _ => Part::Both,
     };
-    let inputs = [
-        &distance,
-        &body,
-        &speed,
-        &leader_speed,
-        &desired_speed,
-        &time_gap,
-        &standstill_gap,
-        &acceleration,
-        &braking,
-    ];
-    each(py, inputs, &out, |[distance, body, speed, leader, desired_speed, time_gap, standstill_gap, acceleration, braking]| {
-        let driver = Driver { desired_speed, time_gap, standstill_gap, acceleration, braking };
-        [match part {
-            Part::Free => free_acceleration(speed, &driver),
-            Part::Interaction => interaction(distance, body, speed, leader, &driver),
-            Part::Both => following_acceleration(distance, body, speed, leader, &driver),
-        }]
-    })
+    let inputs =
+        [&distance, &body, &speed, &leader_speed, &desired_speed, &time_gap, &standstill_gap, &acceleration, &braking];
+    each(
+        py,
+        inputs,
+        &out,
+        |[distance, body, speed, leader, desired_speed, time_gap, standstill_gap, acceleration, braking]| {
+            let driver = Driver { desired_speed, time_gap, standstill_gap, acceleration, braking };
+            [match part {
+                Part::Free => free_acceleration(speed, &driver),
+                Part::Interaction => interaction(distance, body, speed, leader, &driver),
+                Part::Both => following_acceleration(distance, body, speed, leader, &driver),
+            }]
+        },
+    )
 }
 
 /// Gap at which a driver keeps a speed behind a vehicle of that speed, NaN where there is none; `out` is `[rows]`.
@@ -150,10 +157,15 @@ fn equilibrium_gap(
     standstill_gap: Array,
     out: Array,
 ) -> PyResult<()> {
-    each(py, [&speed, &desired_speed, &time_gap, &standstill_gap], &out, |[speed, desired_speed, time_gap, standstill_gap]| {
-        let driver = Driver { desired_speed, time_gap, standstill_gap, ..Driver::motorway() };
-        [driver.equilibrium_gap(speed).unwrap_or(f64::NAN)]
-    })
+    each(
+        py,
+        [&speed, &desired_speed, &time_gap, &standstill_gap],
+        &out,
+        |[speed, desired_speed, time_gap, standstill_gap]| {
+            let driver = Driver { desired_speed, time_gap, standstill_gap, ..Driver::motorway() };
+            [driver.equilibrium_gap(speed).unwrap_or(f64::NAN)]
+        },
+    )
 }
 
 /// Vehicles in a row, of which `leaders` says who follows whom (-1: nobody), for `steps` steps of `dt` s. Each of `outs` is

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use gnp::{Machine, Model};
+use gnp_model::Gnp;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::error::Failure;
-use crate::predict::{Asked, At, predict};
-use crate::table::Columns;
+use crate::error::{Failure, ModelError};
+use crate::explain::{Told, explain};
+use crate::predict::{Asked, At, Forecasts, predict};
 use crate::tracks;
 use crate::watch::watched;
 
@@ -30,13 +31,8 @@ impl PyModel {
     }
 
     /// The card as JSON.
-    fn card(&self) -> String {
-        self.0.card().json()
-    }
-
-    /// The card as text.
-    fn card_text(&self) -> String {
-        self.0.card().text()
+    fn card(&self) -> PyResult<String> {
+        serde_json::to_string(self.0.card()).map_err(|error| ModelError::new_err(error.to_string()))
     }
 
     /// Forecasts as a table, and sentences on what is not among them.
@@ -53,20 +49,43 @@ impl PyModel {
         forces: bool,
         threads: Option<usize>,
         progress: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<(Columns, Vec<String>)> {
+    ) -> PyResult<Forecasts> {
         if !(1..=MOST_FUTURES).contains(&k) {
             return Err(PyValueError::new_err(format!("k is {k}, but must be from 1 to {MOST_FUTURES}")));
         }
         let at = match (at, every) {
             (Some(times), _) => At::Times(times),
             (None, Some(every)) if every > 0. && every.is_finite() => At::Every(every),
-            (None, Some(every)) => return Err(PyValueError::new_err(format!("every is {every}, but must be above 0 s"))),
+            (None, Some(every)) => {
+                return Err(PyValueError::new_err(format!("every is {every}, but must be above 0 s")));
+            }
             (None, None) => At::Last,
         };
         let table = tracks::read(source)?;
         let options = tracks::options(road, lines)?;
         let asked = Asked { at, k, forces };
-        let forecasts = watched(py, threads, progress, |machine| predict(&self.0, &table, &options, &asked, machine))?;
-        Ok((forecasts.columns, forecasts.notes))
+        watched(py, threads, progress, |machine| predict(self.gnp(), &table, &options, &asked, machine))
+    }
+
+    /// Why the prediction of a vehicle is what it is.
+    fn explain(
+        &self,
+        py: Python<'_>,
+        source: &Bound<'_, PyAny>,
+        vehicle: &str,
+        at: Option<f64>,
+        road: Option<Vec<[f64; 2]>>,
+        lines: Option<Vec<f64>>,
+    ) -> PyResult<Told> {
+        let table = tracks::read(source)?;
+        let options = tracks::options(road, lines)?;
+        watched(py, None, None, |_| explain(self.gnp(), &table, &options, vehicle, at))
+    }
+}
+
+impl PyModel {
+    /// The predictor.
+    pub(crate) fn gnp(&self) -> &Gnp {
+        self.0.gnp()
     }
 }

@@ -9,7 +9,7 @@ use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::column::{Column, Values, columns};
-use crate::error::{Failure, OnlineError, tracks_error};
+use crate::error::{OnlineError, chain, tracks_error};
 use crate::model::PyModel;
 use crate::tracks;
 
@@ -169,7 +169,7 @@ impl PyFrame {
         let named = [("paths", paths), ("probabilities", probabilities), ("position", position), ("age_s", age)];
         let named = named.into_iter().chain([("observed_s", seen), ("gap_s", gap)]);
         let mut arrays: Vec<(String, Vec<f64>)> = named.map(|(name, values)| (name.to_owned(), values)).collect();
-        let terms = frame.terms().iter().map(|term| format!("force_{}", term.term().name));
+        let terms = frame.terms().iter().map(|term| format!("force_{}", term.term.name));
         arrays.extend(terms.zip(forces));
         Self {
             time_s: frame.time_s(),
@@ -238,6 +238,6 @@ fn read(source: &Bound<'_, PyAny>) -> PyResult<Vec<Tracked>> {
 fn raised(error: StreamError) -> PyErr {
     match error {
         error @ (StreamError::Config { .. } | StreamError::LaneWidth { .. }) => PyValueError::new_err(error.to_string()),
-        error => OnlineError::new_err(Failure::Model(Box::new(error)).message()),
+        error => OnlineError::new_err(chain(&error)),
     }
 }

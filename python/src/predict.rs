@@ -3,13 +3,15 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-use gnp::{Machine, Model};
+use gnp::Machine;
 use gnp_data::{
     DataError, Explanation, Forecast, Observation, Past, Predictor as _, Present, Recording, Snapshot, TrackOptions,
     TrackTable, WindowShape,
 };
+use gnp_model::Gnp;
 
 use crate::error::Failure;
+use crate::remarks::Remarks;
 use crate::table::{Columns, ColumnsBuilder};
 
 /// Which moments are predicted.
@@ -33,62 +35,63 @@ pub(crate) struct Asked {
     pub(crate) forces: bool,
 }
 
-/// Forecasts, and sentences on what is not among them.
-pub(crate) struct Forecasts {
-    pub(crate) columns: Columns,
-    pub(crate) notes: Vec<String>,
-}
+/// Forecasts, what is to be said of them, and what is not among them, in sentences.
+pub(crate) type Forecasts = (Columns, Remarks);
 
 /// Times that are asked for may be this far from a frame, s.
 const TIME_TOLERANCE: f64 = 1e-3;
 
 /// Predicts every vehicle that is there at each asked moment.
 pub(crate) fn predict(
-    model: &Model,
+    gnp: &Gnp,
     tracks: &TrackTable,
     options: &TrackOptions,
     asked: &Asked,
     machine: &Machine,
 ) -> Result<Forecasts, Failure> {
-    let gnp = model.gnp().clone().explaining(asked.forces);
+    let gnp = gnp.clone().explaining(asked.forces);
     let mut rows = Rows::default();
-    let mut notes = Vec::new();
+    let mut remarks = Remarks::default();
     for (recording, report) in tracks.recordings(options)? {
-        notes.extend(report.notes.iter().cloned());
+        remarks.add(&report);
         let shape = shape_for(gnp.shape(), &recording)?;
-        let frames = frames(&asked.at, &recording, &mut notes);
+        let frames = frames(&asked.at, &recording, &mut remarks);
         let work = machine.progress.start("predict", 0, frames.len() as u64, "moments");
-        let mut unpredicted = BTreeMap::<&str, usize>::new();
+        let mut without_velocity = 0;
         let mut snapshot: Option<Snapshot> = None;
-        for (done, frame) in frames.iter().enumerate() {
+        for (done, frame) in (1..).zip(&frames) {
             if machine.stop.is_requested() {
                 return Err(Failure::Stopped);
             }
-            match &mut snapshot {
-                Some(snapshot) => snapshot.take(&recording, *frame).map_err(DataError::from)?,
-                none => *none = Some(Snapshot::of(&recording, *frame, shape).map_err(DataError::from)?),
-            }
-            let Some(moment) = &snapshot else { continue };
+            let moment = match snapshot.take() {
+                Some(mut used) => {
+                    used.take(&recording, *frame)?;
+                    used
+                }
+                None => Snapshot::of(&recording, *frame, shape)?,
+            };
+            let moment = snapshot.insert(moment);
             let seen: Vec<_> = moment.vehicles().filter_map(|it| Some((it, it.observation()?))).collect();
-            let absent = moment.vehicles().len() - seen.len();
-            if absent > 0 {
-                *unpredicted.entry("were seen in one frame only, without a velocity").or_default() += absent;
-            }
+            without_velocity += moment.vehicles().len() - seen.len();
             let observations: Vec<_> = seen.iter().map(|(_, observation)| *observation).collect();
             let forecasts = gnp.predict(&observations, asked.k)?;
             seen.iter().zip(&forecasts).for_each(|(seen, forecast)| rows.add(&recording, *frame, seen, forecast));
-            work.at(done as u64 + 1, "");
+            work.at(done, "");
         }
-        notes.extend(unpredicted.into_iter().map(|(why, vehicles)| format!("{vehicles} forecasts are not there: vehicles {why}")));
+        if without_velocity > 0 {
+            remarks.left_out.push(format!(
+                "{without_velocity} forecasts are not there: the vehicle had been seen in one frame, without a velocity"
+            ));
+        }
     }
     if rows.heads.is_empty() {
-        notes.push("there is no vehicle at the asked time".to_owned());
+        remarks.left_out.push("nothing is predicted: no vehicle is there at the asked times".to_owned());
     }
-    Ok(Forecasts { columns: rows.finish(), notes })
+    Ok((rows.finish(), remarks))
 }
 
 /// The windows of the model at the rate of a recording.
-fn shape_for(model: WindowShape, recording: &Recording) -> Result<WindowShape, Failure> {
+pub(crate) fn shape_for(model: WindowShape, recording: &Recording) -> Result<WindowShape, Failure> {
     let recording_hz = recording.meta().rate_hz;
     let step = recording_hz / model.rate_hz;
     if step < 0.5 || (step - step.round()).abs() > 1e-6 * step {
@@ -105,7 +108,7 @@ fn span(recording: &Recording) -> Option<RangeInclusive<u32>> {
 }
 
 /// The asked frames of a recording, in order.
-fn frames(at: &At, recording: &Recording, notes: &mut Vec<String>) -> Vec<u32> {
+fn frames(at: &At, recording: &Recording, remarks: &mut Remarks) -> Vec<u32> {
     let meta = recording.meta();
     let Some(span) = span(recording) else { return Vec::new() };
     match at {
@@ -121,7 +124,7 @@ fn frames(at: &At, recording: &Recording, notes: &mut Vec<String>) -> Vec<u32> {
                     found.push(frame as u32);
                 } else {
                     let (from, to) = (meta.time_s(*span.start()), meta.time_s(*span.end()));
-                    notes.push(format!(
+                    remarks.left_out.push(format!(
                         "nothing is predicted at {time_s} s: tracks have moments from {from} s to {to} s, {} a second",
                         meta.rate_hz
                     ));
@@ -208,7 +211,10 @@ impl Rows {
         let rows = self.mode.len();
         let mut columns = ColumnsBuilder::default();
         let heads = &self.heads;
-        fn of_heads<'a, T>(heads: &'a [Head], value: impl Fn(&'a Head) -> T + Copy + 'a) -> impl Iterator<Item = T> + 'a {
+        fn of_heads<'a, T>(
+            heads: &'a [Head],
+            value: impl Fn(&'a Head) -> T + Copy + 'a,
+        ) -> impl Iterator<Item = T> + 'a {
             heads.iter().flat_map(move |head| (0..head.rows).map(move |_| value(head)))
         }
         columns.numbers("vehicle", of_heads(heads, |head| head.vehicle).collect());

@@ -79,7 +79,8 @@ impl Columns {
     /// A column of texts.
     fn texts<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyList>> {
         let values = self.column(name)?.as_any().downcast_ref::<Utf8Array<i64>>();
-        let values = values.ok_or_else(|| PyTypeError::new_err(format!("column `{name}` is of numbers: take `fill`")))?;
+        let values =
+            values.ok_or_else(|| PyTypeError::new_err(format!("column `{name}` is of numbers: take `fill`")))?;
         PyList::new(py, values.values_iter())
     }
 

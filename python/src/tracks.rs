@@ -84,7 +84,9 @@ pub(crate) fn options(road: Option<Vec<[f64; 2]>>, lines: Option<Vec<f64>>) -> P
 
 impl Table {
     fn of(source: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let known = |name: &str| COLUMNS.iter().any(|(column, others)| is(name, column) || others.iter().any(|it| is(name, it)));
+        let known = |name: &str| {
+            COLUMNS.iter().any(|(column, others)| is(name, column) || others.iter().any(|it| is(name, it)))
+        };
         columns(source, known).map(Self)
     }
 
@@ -101,10 +103,13 @@ impl Table {
         match self.take(name) {
             None => Ok(None),
             Some(Column { values: Values::Numbers(values), .. }) => Ok(Some(values)),
-            Some(Column { values: Values::Whole(values), .. }) => Ok(Some(values.into_iter().map(|it| it as f64).collect())),
+            Some(Column { values: Values::Whole(values), .. }) => {
+                Ok(Some(values.into_iter().map(|it| it as f64).collect()))
+            }
             Some(Column { name, values: Values::Texts(values) }) => {
                 let text = values.first().map_or("", String::as_str);
-                let message = format!("row 0, column `{name}`: `{text}` is a text; give numbers, such as by a cast to float");
+                let message =
+                    format!("row 0, column `{name}`: `{text}` is a text; give numbers, such as by a cast to float");
                 Err(tracks_error(py, message, (!values.is_empty()).then_some(0), Some(&name)))
             }
         }

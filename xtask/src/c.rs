@@ -154,7 +154,8 @@ fn projects(root: &Path, compiler: &Path, libraries: &Path, work: &Path, termina
 fn install(root: &Path, libraries: &Path, prefix: &Path) -> Result<()> {
     let source = root.join(CRATE);
     let file = format!("{DLL_PREFIX}{LIBRARY}{DLL_SUFFIX}");
-    let plain = [(source.join("include/gnp.h"), "include/gnp.h".to_owned()), (libraries.join(&file), format!("lib/{file}"))];
+    let plain =
+        [(source.join("include/gnp.h"), "include/gnp.h".to_owned()), (libraries.join(&file), format!("lib/{file}"))];
     for (from, to) in plain {
         let to = beneath(prefix, &to)?;
         fs::copy(&from, &to).with_context(|| format!("cannot copy {} to {}", from.display(), to.display()))?;

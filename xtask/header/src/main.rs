@@ -22,10 +22,7 @@ fn main() -> ExitCode {
         usize_is_size_t: true,
         line_length: 120,
         tab_width: 4,
-        enumeration: EnumConfig {
-            rename_variants: RenameRule::QualifiedScreamingSnakeCase,
-            ..EnumConfig::default()
-        },
+        enumeration: EnumConfig { rename_variants: RenameRule::QualifiedScreamingSnakeCase, ..EnumConfig::default() },
         function: FunctionConfig { args: Layout::Auto, ..FunctionConfig::default() },
         ..Config::default()
     };
