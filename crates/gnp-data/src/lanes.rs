@@ -38,12 +38,6 @@ pub fn fit_lanes(lane: &[i16], y: &[f32]) -> LaneFit {
     LaneFit { lines: lines(&centres), width: width(&centres), centres, misplaced }
 }
 
-/// Number of the lane at `y`, m, between `lines` from right to left, 1 the leftmost; 0 outside them.
-pub(crate) fn lane_at(lines: &[LaneMarking], y: f32) -> i16 {
-    let to_the_right = lines.iter().filter(|line| line.y <= y).count();
-    if (1..lines.len()).contains(&to_the_right) { (lines.len() - to_the_right) as i16 } else { 0 }
-}
-
 /// Lanes fitted by [`fit_lanes`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]

@@ -34,8 +34,8 @@ impl Recording {
         check_columns(&columns, &tracks, meta.velocities).map_err(fail)?;
         let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
         let frames = FrameIndex::new(&spans);
-        let (without_velocity, names) = (Vec::new(), BTreeMap::new());
-        Ok(Self { meta, roads, tracks, columns, frames, lane_order: None, without_velocity, names })
+        let (names, without_velocity) = (BTreeMap::new(), Vec::new());
+        Ok(Self { meta, roads, tracks, columns, frames, lane_order: None, names, without_velocity })
     }
 }
 

@@ -230,10 +230,10 @@ pub struct Recording {
     pub(crate) frames: FrameIndex,
     /// Place of each lane number in the order from the left, 1 leftmost, where neighbours were found from lanes.
     pub(crate) lane_order: Option<LaneOrder>,
-    /// Tracks of one row whose velocity is not known where others' are recorded: in a [`Snapshot`](crate::Snapshot) alone.
-    pub(crate) without_velocity: Vec<u32>,
     /// Names of vehicles whose names in the data are no numbers.
     pub(crate) names: BTreeMap<u32, String>,
+    /// Tracks of one row whose velocity is not known where others' are recorded: in a [`Snapshot`](crate::Snapshot) alone.
+    pub(crate) without_velocity: Vec<u32>,
 }
 
 /// Lane numbers of the data, each with its place in the order from the left.

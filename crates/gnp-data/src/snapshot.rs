@@ -216,6 +216,7 @@ impl Snapshot {
             columns: Columns::default(),
             frames: FrameIndex::default(),
             lane_order: None,
+            names: BTreeMap::new(),
             without_velocity: Vec::new(),
             names: std::collections::BTreeMap::new(),
         };
