@@ -218,7 +218,6 @@ impl Snapshot {
             lane_order: None,
             names: BTreeMap::new(),
             without_velocity: Vec::new(),
-            names: std::collections::BTreeMap::new(),
         };
         let (vehicles, places, neighbours) = (Vec::new(), Vec::new(), Neighbours::default());
         Ok(Self { recording, shape, frame: 0, vehicles, places, neighbours })
