@@ -133,7 +133,7 @@ fn values_of(array: &dyn Array) -> Result<Values, Unfit> {
     match array.dtype().to_physical_type() {
         PhysicalType::Primitive(primitive) => match primitive {
             PrimitiveType::Float64 => match array.as_any().downcast_ref::<PrimitiveArray<f64>>() {
-                Some(values) if values.null_count() == 0 => Ok(Values::Numbers(values.values().to_vec())),
+                Some(values) if values.null_count() == 0 => Ok(Values::Numbers(values.values().as_slice().to_vec())),
                 _ => Ok(Values::Numbers(numbers(array, |value: f64| value).ok_or_else(unfit)?)),
             },
             PrimitiveType::Float32 => {

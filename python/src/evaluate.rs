@@ -4,9 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use gnp::Machine;
 use gnp_baselines::ConstantVelocity;
-use gnp_data::{
-    DataError, Forecast, Mode, Recording, Subset, TrackOptions, TrackTable, WindowConfig, WindowId, WindowSet,
-};
+use gnp_data::{Forecast, Mode, Recording, Subset, TrackOptions, TrackTable, WindowConfig, WindowId, WindowSet};
 use gnp_eval::{Bootstrap, EvalConfig, EvalError, EvaluatedModel, Prediction, Predictions, Protocol, Score, evaluate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

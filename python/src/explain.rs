@@ -1,6 +1,6 @@
 //! One forecast by cause.
 
-use gnp_data::{Account, DataError, Past, Predictor as _, Snapshot, TrackOptions, TrackTable};
+use gnp_data::{Account, Past, Predictor as _, Snapshot, TrackOptions, TrackTable};
 use gnp_model::Gnp;
 
 use crate::error::Failure;

@@ -8,6 +8,7 @@ mod evaluate;
 mod explain;
 mod force;
 mod model;
+mod online;
 mod predict;
 mod program;
 mod remarks;
@@ -24,6 +25,8 @@ fn _gnp(module: &Bound<'_, PyModule>) -> PyResult<()> {
     error::register(module)?;
     module.add_class::<table::Columns>()?;
     module.add_class::<model::PyModel>()?;
+    module.add_class::<online::PyStream>()?;
+    module.add_class::<online::PyFrame>()?;
     module.add_function(wrap_pyfunction!(evaluate::score, module)?)?;
     module.add_function(wrap_pyfunction!(program::main, module)?)?;
     module.add("force", force::module(module.py())?)?;

@@ -52,7 +52,15 @@ impl PyStream {
         forces: bool,
     ) -> PyResult<Self> {
         let options = tracks::options(road, Some(lines))?;
-        let mut config = StreamConfig { k, road: options.road, coast_s, bridge_s, max_vehicles, max_rate_hz, ..StreamConfig::default() };
+        let mut config = StreamConfig {
+            k,
+            road: options.road,
+            coast_s,
+            bridge_s,
+            max_vehicles,
+            max_rate_hz,
+            ..StreamConfig::default()
+        };
         if let Some(site) = site {
             config.site = site;
         }
@@ -188,7 +196,8 @@ impl PyFrame {
 fn read(source: &Bound<'_, PyAny>) -> PyResult<Vec<Tracked>> {
     let py = source.py();
     let mut found = columns(source, |name| READ.contains(&name))?;
-    let mut take = |name: &str| found.iter().position(|column| column.name == name).map(|index| found.swap_remove(index));
+    let mut take =
+        |name: &str| found.iter().position(|column| column.name == name).map(|index| found.swap_remove(index));
     let missing = |name: &str| tracks_error(py, format!("a frame has no column `{name}`"), None, Some(name));
     let ids: Vec<u64> = match take("id").ok_or_else(|| missing("id"))?.values {
         // Numbers of 64 bits with a sign become others without one, and different ones different ones.
@@ -204,7 +213,9 @@ fn read(source: &Bound<'_, PyAny>) -> PyResult<Vec<Tracked>> {
             Err(tracks_error(py, message, None, Some(name)))
         }
         Some(Column { values: Values::Numbers(values), .. }) => Ok(Some(values)),
-        Some(Column { values: Values::Whole(values), .. }) => Ok(Some(values.into_iter().map(|it| it as f64).collect())),
+        Some(Column { values: Values::Whole(values), .. }) => {
+            Ok(Some(values.into_iter().map(|it| it as f64).collect()))
+        }
         Some(_) => Err(tracks_error(py, format!("column `{name}` has texts: give numbers"), None, Some(name))),
     };
     let (x, y) = (numbers("x")?.ok_or_else(|| missing("x"))?, numbers("y")?.ok_or_else(|| missing("y"))?);
@@ -212,7 +223,9 @@ fn read(source: &Bound<'_, PyAny>) -> PyResult<Vec<Tracked>> {
     let size = numbers("length")?.zip(numbers("width")?);
     let class = match take("class").map(|column| column.values) {
         Some(Values::Texts(words)) if words.len() == ids.len() => Some(words),
-        Some(_) => return Err(tracks_error(py, "column `class` must have a word in each row".to_owned(), None, Some("class"))),
+        Some(_) => {
+            return Err(tracks_error(py, "column `class` must have a word in each row".to_owned(), None, Some("class")));
+        }
         None => None,
     };
     // NaN where it is not known of a vehicle.
@@ -237,7 +250,9 @@ fn read(source: &Bound<'_, PyAny>) -> PyResult<Vec<Tracked>> {
 
 fn raised(error: StreamError) -> PyErr {
     match error {
-        error @ (StreamError::Config { .. } | StreamError::LaneWidth { .. }) => PyValueError::new_err(error.to_string()),
+        error @ (StreamError::Config { .. } | StreamError::LaneWidth { .. }) => {
+            PyValueError::new_err(error.to_string())
+        }
         error => OnlineError::new_err(chain(&error)),
     }
 }

@@ -76,7 +76,7 @@ pub(crate) fn watched<T: Send>(
             Some(pool.map_err(|error| GnpError::new_err(format!("cannot start {threads} threads: {error}")))?)
         }
     };
-    let (teller, reports) = channel();
+    let (teller, mut reports) = channel();
     let stop = Stop::new();
     let machine = Machine::new(Device::Cpu, Arc::new(Teller(teller)), stop.clone());
     std::thread::scope(|scope| {
@@ -86,7 +86,8 @@ pub(crate) fn watched<T: Send>(
         });
         let mut raised = None;
         loop {
-            let told = match py.detach(|| reports.recv_timeout(PERIOD)) {
+            let waiting = &mut reports;
+            let told = match py.detach(move || waiting.recv_timeout(PERIOD)) {
                 Err(RecvTimeoutError::Disconnected) => break,
                 Err(RecvTimeoutError::Timeout) => None,
                 Ok(report) => Some(report),

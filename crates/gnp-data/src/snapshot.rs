@@ -1,6 +1,7 @@
 //! All vehicles of a moment with their observed past: what is predicted where no window is cut, also vehicles whose past
 //! is short.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::live::{LiveError, check_lines};
