@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from . import _gnp
-from ._model import Progress, _numbers, _points, _progress, _warn
-from ._tables import Kind, Table, check_kind, kind_of, source_of
+from ._model import Progress, answer, numbers, points, teller
+from ._tables import Kind, check_kind, kind_of, source_of
 
 
 def evaluate(
@@ -47,16 +47,15 @@ def evaluate(
     Forecasts that are not scored are counted in a `gnp.GnpWarning`.
     """
     kind = kind_of(forecasts) if out is None else check_kind(out)
-    columns, notes = _gnp.score(
+    columns, remarks = _gnp.score(
         source_of(forecasts),
         source_of(tracks),
         protocol,
         name,
         observed_s,
-        _points(road),
-        _numbers(lines),
+        points(road),
+        numbers(lines),
         threads,
-        _progress(progress),
+        teller(progress),
     )
-    _warn(notes)
-    return Table(columns, notes).to(kind)
+    return answer(columns, remarks, kind)

@@ -32,8 +32,8 @@ class Explanation:
     time_s: float
     #: One sentence: how far the vehicle gets, against its present speed, and why.
     sentence: str
-    #: A row for each cause and step: `cause`, `physical`, `step`, `horizon_s`, and `dx`, `dy`, by which the cause moved the
-    #: vehicle from constant velocity along the road and to its left, m.
+    #: A row for each cause and step: `cause`, `kind` ("physics", or "network" for what a network expects), `step`,
+    #: `horizon_s`, and `dx`, `dy`, by which the cause moved the vehicle along the road and to its left, m.
     causes: Any
     #: "full", or "filled" for a vehicle that was seen for less than the model looks back.
     past: str
@@ -108,19 +108,18 @@ class Model:
                 raise ValueError(f'at is {at!r}, but must be "last", "every" or times in s')
         else:
             times = [float(time) for time in (at if isinstance(at, Iterable) else [at])]
-        columns, notes = self._model.predict(
+        columns, remarks = self._model.predict(
             source_of(tracks),
             times,
             float(every) if at == "every" else None,
             k,
-            _points(road),
-            _numbers(lines),
+            points(road),
+            numbers(lines),
             forces,
             threads,
-            _progress(progress),
+            teller(progress),
         )
-        _warn(notes)
-        return Table(columns, notes).to(kind)
+        return answer(columns, remarks, kind)
 
     def explain(
         self,
@@ -142,10 +141,9 @@ class Model:
         Raises:
             gnp.TracksError: as `predict`; when there is no such vehicle at that moment.
         """
-        answer = self._model.explain(source_of(tracks), str(vehicle), at, _points(road), _numbers(lines))
-        name, time_s, sentence, past, columns, notes = answer
-        _warn(notes)
-        return Explanation(name, time_s, sentence, Table(columns).to(kind_of(tracks)), past)
+        told = self._model.explain(source_of(tracks), str(vehicle), at, points(road), numbers(lines))
+        name, time_s, sentence, past, columns, remarks = told
+        return Explanation(name, time_s, sentence, answer(columns, remarks, kind_of(tracks)), past)
 
     def __repr__(self) -> str:
         return f"gnp.Model {self.card['name']}: {self.card['title']}"
@@ -160,20 +158,23 @@ def load(path: str | os.PathLike[str] | None = None) -> Model:
     return Model(_gnp.Model(path))
 
 
-def _points(road: Iterable[Sequence[float]] | None) -> list[list[float]] | None:
+def points(road: Iterable[Sequence[float]] | None) -> list[list[float]] | None:
+    """A line as the compiled part takes it."""
     if road is None:
         return None
-    points = [[float(value) for value in point] for point in road]
-    if any(len(point) != 2 for point in points):
+    pairs = [[float(value) for value in point] for point in road]
+    if any(len(pair) != 2 for pair in pairs):
         raise ValueError("road must be points of two numbers, x and y in m")
-    return points
+    return pairs
 
 
-def _numbers(values: Iterable[float] | None) -> list[float] | None:
+def numbers(values: Iterable[float] | None) -> list[float] | None:
+    """Numbers as the compiled part takes them."""
     return None if values is None else [float(value) for value in values]
 
 
-def _progress(progress: Progress | bool | None) -> Progress | None:
+def teller(progress: Progress | bool | None) -> Progress | None:
+    """Who is told of progress."""
     if progress is True:
         return _write_progress
     return progress or None
@@ -185,6 +186,8 @@ def _write_progress(what: str, done: int, total: int) -> None:
     sys.stderr.flush()
 
 
-def _warn(notes: Sequence[str]) -> None:
-    for note in notes:
-        warnings.warn(note, GnpWarning, stacklevel=3)
+def answer(columns: _gnp.Columns, remarks: _gnp.Remarks, kind: Kind) -> Any:
+    """A table as the caller wants it, after a warning of what is not in it."""
+    for left_out in remarks["left_out"]:
+        warnings.warn(left_out, GnpWarning, stacklevel=3)
+    return Table(columns, remarks["left_out"] + remarks["notes"]).to(kind)

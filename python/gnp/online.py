@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _gnp
-from ._model import Model, _numbers, _points
+from ._model import Model, numbers, points
 from ._tables import source_of
 
 __all__ = ["Frame", "Problem", "Stream"]
@@ -159,8 +159,8 @@ class Stream:
         max_rate_hz: float = 100.0,
         forces: bool = False,
     ) -> None:
-        options = (_points(road), site, coast_s, bridge_s, max_vehicles, max_rate_hz, forces)
-        self._stream = _gnp.Stream(model._model, _numbers(lines) or [], k, *options)
+        options = (points(road), site, coast_s, bridge_s, max_vehicles, max_rate_hz, forces)
+        self._stream = _gnp.Stream(model._model, numbers(lines) or [], k, *options)
 
     def push(self, time_s: float, tracks: Any) -> Frame:
         """Takes the vehicles that were detected at a time, and predicts them and those that are missing for a while.
@@ -178,7 +178,7 @@ class Stream:
 
     def set_lines(self, lines: Iterable[float]) -> None:
         """Moves the lane lines, m, from right to left, from the next frame on."""
-        self._stream.set_lines(_numbers(lines) or [])
+        self._stream.set_lines(numbers(lines) or [])
 
     def reset(self) -> None:
         """Forgets all vehicles and the time."""
