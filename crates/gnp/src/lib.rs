@@ -43,6 +43,7 @@ mod machine;
 pub mod memory;
 mod model;
 mod needs;
+mod predict;
 mod progress;
 mod realism;
 mod report;
@@ -57,10 +58,13 @@ pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder}
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};
 pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};
-pub use crate::explain::{Change, Explained, Question, explain};
+pub use crate::explain::{Change, Explained, Question, TracksQuestion, explain, explain_tracks};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
 pub use crate::model::{ExportRequest, Model, export, model_card};
+pub use crate::predict::{
+    Asked, At, AtError, Counts, Forecasted, PredictRequest, Predicted, Unpredicted, forecasts, predict,
+};
 pub use crate::progress::{Progress, Silent, Stop, Work};
 pub use crate::realism::{RealismPlan, realism, realism_text, save_realism};
 pub use crate::report::{Replayed, can_replay, write_replay, write_report};

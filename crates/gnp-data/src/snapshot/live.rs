@@ -3,7 +3,7 @@
 use super::{LaneMarking, LiveError, Road, Seen, Snapshot, VelocitySource, check_lines};
 use crate::assemble::{VehicleBody, slope_at};
 use crate::dataset::Dataset;
-use crate::lanes::lane_between;
+use crate::lanes::lane_at;
 use crate::limits::{self, MAX_POSITION, MAX_SPEED};
 use crate::neighbours::LanePosition;
 use crate::recording::{NO_TRACK, RecordingMeta, Track};
@@ -27,7 +27,8 @@ impl Snapshot {
             return Err(LiveError::Rate { rate_hz });
         }
         let meta = RecordingMeta::new(Dataset::LIVE, site, "live", rate_hz);
-        let mut snapshot = Self::empty(meta, vec![Road { driving_direction: 2, lines, fitted: false, axis: None }], shape)?;
+        let mut snapshot =
+            Self::empty(meta, vec![Road { driving_direction: 2, lines, fitted: false, axis: None }], shape)?;
         snapshot.begin();
         Ok(snapshot)
     }
@@ -108,7 +109,7 @@ impl Snapshot {
             columns.y.push(*y);
             columns.vx.push(vx);
             columns.vy.push(vy);
-            columns.lane.push(lane_between(line.iter().map(|line| line.y), *y));
+            columns.lane.push(lane_at(line, *y));
             columns.neighbours.push([NO_TRACK; SLOTS]);
         }
         if (0..kept).any(|i| measured(i).is_some()) {

@@ -131,7 +131,7 @@ impl ForecastWriter {
         &mut self,
         of: &ForecastOf<'_>,
         forecast: &Forecast,
-        place: impl Fn([f64; 2]) -> [f64; 2],
+        place: impl Fn([f32; 2]) -> [f64; 2],
     ) -> Result<(), EvalError> {
         let moment = Moment {
             name: ByteArray::from(of.vehicle_name),
@@ -142,8 +142,8 @@ impl ForecastWriter {
         };
         let written = Written { key: of.key, origin: of.origin, forecast, moment: &moment, why: of.why.clone() };
         self.rows.write(&written, |at| {
-            let on_road = [0, 1].map(|axis| f64::from(of.origin[axis]) + f64::from(at[axis]));
-            [place(on_road), on_road]
+            let on_road = [0, 1].map(|axis| of.origin[axis] + at[axis]);
+            [place(on_road), on_road.map(f64::from)]
         })
     }
 
