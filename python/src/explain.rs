@@ -1,10 +1,9 @@
 //! One forecast by cause.
 
-use gnp_data::{Account, Past, Predictor as _, Snapshot, TrackOptions, TrackTable};
+use gnp_data::{Account, DataError, Past, Predictor as _, Snapshot, TrackOptions, TrackTable};
 use gnp_model::Gnp;
 
 use crate::error::Failure;
-use crate::predict::shape_for;
 use crate::remarks::Remarks;
 use crate::table::{Columns, ColumnsBuilder};
 
@@ -30,7 +29,10 @@ pub(crate) fn explain(
             Some(time_s) => ((time_s - meta.start_s) * meta.rate_hz).round() as u32,
             None => own().map(|track| track.last_frame()).max().unwrap_or_default(),
         };
-        let snapshot = Snapshot::of(&recording, frame, shape_for(gnp.shape(), &recording)?)?;
+        let Some(shape) = gnp.shape().at_rate(meta.rate_hz) else {
+            return Err(DataError::WindowRate { recording_hz: meta.rate_hz, window_hz: gnp.shape().rate_hz }.into());
+        };
+        let snapshot = Snapshot::of(&recording, frame, shape)?;
         let Some(present) = snapshot.vehicles().find(|present| present.vehicle() == vehicle) else {
             let spans = own().map(|track| {
                 format!("{:.2} s to {:.2} s", meta.time_s(track.first_frame), meta.time_s(track.last_frame()))

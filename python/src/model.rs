@@ -2,23 +2,20 @@
 
 use std::path::PathBuf;
 
-use gnp::{Machine, Model};
+use gnp::{At, Machine, Model};
 use gnp_model::Gnp;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::error::{Failure, ModelError};
 use crate::explain::{Told, explain};
-use crate::predict::{Asked, At, Forecasts, predict};
+use crate::predict::{Forecasts, Question, predict};
 use crate::tracks;
 use crate::watch::watched;
 
 /// A trained model; `gnp.Model` holds one.
 #[pyclass(frozen, module = "gnp._gnp", name = "Model")]
 pub(crate) struct PyModel(Model);
-
-/// Most futures of a vehicle that can be asked for.
-const MOST_FUTURES: usize = 1000;
 
 #[pymethods]
 impl PyModel {
@@ -50,8 +47,11 @@ impl PyModel {
         threads: Option<usize>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Forecasts> {
-        if !(1..=MOST_FUTURES).contains(&k) {
-            return Err(PyValueError::new_err(format!("k is {k}, but must be from 1 to {MOST_FUTURES}")));
+        let most = self.gnp().modes().len();
+        if !(1..=most).contains(&k) {
+            return Err(PyValueError::new_err(format!(
+                "k is {k}, but must be from 1 to {most}, the futures of the model"
+            )));
         }
         let at = match (at, every) {
             (Some(times), _) => At::Times(times),
@@ -63,8 +63,8 @@ impl PyModel {
         };
         let table = tracks::read(source)?;
         let options = tracks::options(road, lines)?;
-        let asked = Asked { at, k, forces };
-        watched(py, threads, progress, |machine| predict(self.gnp(), &table, &options, &asked, machine))
+        let question = Question { at, k, forces };
+        watched(py, threads, progress, |machine| predict(self.gnp(), &table, &options, &question, machine))
     }
 
     /// Why the prediction of a vehicle is what it is.

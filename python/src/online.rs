@@ -224,7 +224,12 @@ fn read(source: &Bound<'_, PyAny>) -> PyResult<Vec<Tracked>> {
     let class = match take("class").map(|column| column.values) {
         Some(Values::Texts(words)) if words.len() == ids.len() => Some(words),
         Some(_) => {
-            return Err(tracks_error(py, "column `class` must have a word in each row".to_owned(), None, Some("class")));
+            return Err(tracks_error(
+                py,
+                "column `class` must have a word in each row".to_owned(),
+                None,
+                Some("class"),
+            ));
         }
         None => None,
     };

@@ -1,33 +1,18 @@
 //! Forecasts of tracks, as a table: a row for each step of each future of each vehicle at each asked moment.
 
 use std::collections::BTreeMap;
-use std::ops::RangeInclusive;
 
-use gnp::Machine;
-use gnp_data::{
-    DataError, Explanation, Forecast, Observation, Past, Predictor as _, Present, Recording, Snapshot, TrackOptions,
-    TrackTable, WindowShape,
-};
+use gnp::{Asked, At, Forecasted, Machine, forecasts};
+use gnp_data::{Explanation, Past, Recording, TrackOptions, TrackTable};
 use gnp_model::Gnp;
 
 use crate::error::Failure;
 use crate::remarks::Remarks;
 use crate::table::{Columns, ColumnsBuilder};
 
-/// Which moments are predicted.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum At {
-    /// The last one.
-    Last,
-    /// Every so many seconds, from the first one on.
-    Every(f64),
-    /// These, s in the clock of the tracks.
-    Times(Vec<f64>),
-}
-
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Asked {
+pub(crate) struct Question {
     pub(crate) at: At,
     /// Futures a vehicle.
     pub(crate) k: usize,
@@ -38,103 +23,30 @@ pub(crate) struct Asked {
 /// Forecasts, what is to be said of them, and what is not among them, in sentences.
 pub(crate) type Forecasts = (Columns, Remarks);
 
-/// Times that are asked for may be this far from a frame, s.
-const TIME_TOLERANCE: f64 = 1e-3;
-
 /// Predicts every vehicle that is there at each asked moment.
 pub(crate) fn predict(
     gnp: &Gnp,
     tracks: &TrackTable,
     options: &TrackOptions,
-    asked: &Asked,
+    question: &Question,
     machine: &Machine,
 ) -> Result<Forecasts, Failure> {
-    let gnp = gnp.clone().explaining(asked.forces);
+    let gnp = gnp.clone().explaining(question.forces);
     let mut rows = Rows::default();
     let mut remarks = Remarks::default();
     for (recording, report) in tracks.recordings(options)? {
         remarks.add(&report);
-        let shape = shape_for(gnp.shape(), &recording)?;
-        let frames = frames(&asked.at, &recording, &mut remarks);
-        let work = machine.progress.start("predict", 0, frames.len() as u64, "moments");
-        let mut without_velocity = 0;
-        let mut snapshot: Option<Snapshot> = None;
-        for (done, frame) in (1..).zip(&frames) {
-            if machine.stop.is_requested() {
-                return Err(Failure::Stopped);
-            }
-            let moment = match snapshot.take() {
-                Some(mut used) => {
-                    used.take(&recording, *frame)?;
-                    used
-                }
-                None => Snapshot::of(&recording, *frame, shape)?,
-            };
-            let moment = snapshot.insert(moment);
-            let seen: Vec<_> = moment.vehicles().filter_map(|it| Some((it, it.observation()?))).collect();
-            without_velocity += moment.vehicles().len() - seen.len();
-            let observations: Vec<_> = seen.iter().map(|(_, observation)| *observation).collect();
-            let forecasts = gnp.predict(&observations, asked.k)?;
-            seen.iter().zip(&forecasts).for_each(|(seen, forecast)| rows.add(&recording, *frame, seen, forecast));
-            work.at(done, "");
-        }
-        if without_velocity > 0 {
-            remarks.left_out.push(format!(
-                "{without_velocity} forecasts are not there: the vehicle had been seen in one frame, without a velocity"
-            ));
-        }
-    }
-    if rows.heads.is_empty() {
-        remarks.left_out.push("nothing is predicted: no vehicle is there at the asked times".to_owned());
+        let asked = Asked::of(&recording, &question.at, gnp.shape())?;
+        let work = machine.progress.start("predict", 0, asked.vehicles(&recording) as u64, "forecasts");
+        let left_out = forecasts(&gnp, &recording, &asked, question.k, |made| {
+            machine.stop.check()?;
+            rows.add(&recording, made);
+            work.at(rows.heads.len() as u64, "");
+            Ok(())
+        })?;
+        remarks.left_out.extend(left_out.into_iter().map(|(why, count)| format!("not predicted: {count} {why}")));
     }
     Ok((rows.finish(), remarks))
-}
-
-/// The windows of the model at the rate of a recording.
-pub(crate) fn shape_for(model: WindowShape, recording: &Recording) -> Result<WindowShape, Failure> {
-    let recording_hz = recording.meta().rate_hz;
-    let step = recording_hz / model.rate_hz;
-    if step < 0.5 || (step - step.round()).abs() > 1e-6 * step {
-        return Err(DataError::WindowRate { recording_hz, window_hz: model.rate_hz }.into());
-    }
-    Ok(WindowShape { step: step.round() as usize, ..model })
-}
-
-/// The first and the last frame; none without tracks.
-fn span(recording: &Recording) -> Option<RangeInclusive<u32>> {
-    let first = recording.tracks().iter().map(|track| track.first_frame).min()?;
-    let last = recording.tracks().iter().map(|track| track.last_frame()).max()?;
-    Some(first..=last)
-}
-
-/// The asked frames of a recording, in order.
-fn frames(at: &At, recording: &Recording, remarks: &mut Remarks) -> Vec<u32> {
-    let meta = recording.meta();
-    let Some(span) = span(recording) else { return Vec::new() };
-    match at {
-        At::Last => vec![*span.end()],
-        At::Every(seconds) => span.step_by((seconds * meta.rate_hz).round().max(1.) as usize).collect(),
-        At::Times(times) => {
-            let mut found = Vec::with_capacity(times.len());
-            for time_s in times {
-                let frame = ((time_s - meta.start_s) * meta.rate_hz).round();
-                let near = (time_s - meta.start_s - frame / meta.rate_hz).abs() <= TIME_TOLERANCE;
-                // Negative and too large numbers become the ends of u32, which are then off the time.
-                if near && frame == f64::from(frame as u32) && span.contains(&(frame as u32)) {
-                    found.push(frame as u32);
-                } else {
-                    let (from, to) = (meta.time_s(*span.start()), meta.time_s(*span.end()));
-                    remarks.left_out.push(format!(
-                        "nothing is predicted at {time_s} s: tracks have moments from {from} s to {to} s, {} a second",
-                        meta.rate_hz
-                    ));
-                }
-            }
-            found.sort_unstable();
-            found.dedup();
-            found
-        }
-    }
 }
 
 /// What all rows of a vehicle at a moment have in common.
@@ -157,42 +69,42 @@ struct Rows {
     horizon_s: Vec<f64>,
     x: Vec<f64>,
     y: Vec<f64>,
-    s: Vec<f32>,
-    d: Vec<f32>,
+    s: Vec<f64>,
+    d: Vec<f64>,
     /// Force by term, forward and to the left, m/s².
     forces: BTreeMap<String, [Vec<f32>; 2]>,
 }
 
 impl Rows {
-    fn add(&mut self, recording: &Recording, frame: u32, seen: &(Present<'_>, Observation<'_>), forecast: &Forecast) {
-        let (present, observation) = seen;
-        let (origin, shape, road) = (observation.origin(), observation.shape(), present.track().road);
+    fn add(&mut self, recording: &Recording, made: &Forecasted<'_>) {
+        let seen = &made.observation;
+        let (origin, dt, road) = (seen.origin(), seen.shape().dt(), seen.road());
         let before = self.mode.len();
-        for (mode, future) in (0..).zip(&forecast.modes) {
-            for (index, point) in future.path.iter().enumerate() {
+        for (mode, future) in (0..).zip(&made.forecast.modes) {
+            for (step, point) in (1..).zip(&future.path) {
                 let at = [origin[0] + point[0], origin[1] + point[1]];
                 let [x, y] = recording.to_file_coordinates(road, at);
                 self.mode.push(mode);
                 self.probability.push(future.probability);
-                self.step.push(index as u32 + 1);
-                self.horizon_s.push((index + 1) as f64 / shape.rate_hz);
+                self.step.push(step);
+                self.horizon_s.push(f64::from(step) * dt);
                 self.x.push(x);
                 self.y.push(y);
-                self.s.push(at[0]);
-                self.d.push(at[1]);
+                self.s.push(f64::from(at[0]));
+                self.d.push(f64::from(at[1]));
             }
             if let Some(explanation) = &future.explanation {
                 self.add_forces(explanation, future.path.len());
             }
         }
-        let (past, observed_s) = match present.past() {
-            Past::Full => ("full", (shape.t_obs - 1) as f64 / shape.rate_hz),
-            Past::Filled { observed_s } => ("filled", observed_s),
-            _ => ("unknown", 0.),
-        };
-        let vehicle = present.vehicle();
-        let (name, time_s) = (recording.vehicle_name(vehicle).into_owned(), recording.meta().time_s(frame));
-        self.heads.push(Head { vehicle, name, time_s, past, observed_s, rows: self.mode.len() - before });
+        self.heads.push(Head {
+            vehicle: seen.vehicle(),
+            name: recording.vehicle_name(seen.vehicle()).into_owned(),
+            time_s: recording.meta().time_s(made.frame),
+            past: if made.past == Past::Full { "full" } else { "filled" },
+            observed_s: made.observed_s,
+            rows: self.mode.len() - before,
+        });
     }
 
     fn add_forces(&mut self, explanation: &Explanation, steps: usize) {
@@ -208,20 +120,12 @@ impl Rows {
     }
 
     fn finish(self) -> Columns {
-        let rows = self.mode.len();
+        let (rows, heads) = (self.mode.len(), &self.heads);
+        let of_rows = || heads.iter().flat_map(|head| std::iter::repeat_n(head, head.rows));
         let mut columns = ColumnsBuilder::default();
-        let heads = &self.heads;
-        fn of_heads<'a, T>(
-            heads: &'a [Head],
-            value: impl Fn(&'a Head) -> T + Copy + 'a,
-        ) -> impl Iterator<Item = T> + 'a {
-            heads.iter().flat_map(move |head| (0..head.rows).map(move |_| value(head)))
-        }
-        columns.numbers("vehicle", of_heads(heads, |head| head.vehicle).collect());
-        if heads.iter().any(|head| head.name != head.vehicle.to_string()) {
-            columns.texts("vehicle_name", of_heads(heads, |head| head.name.as_str()));
-        }
-        columns.numbers("time_s", of_heads(heads, |head| head.time_s).collect());
+        columns.numbers("vehicle", of_rows().map(|head| head.vehicle).collect());
+        columns.texts("vehicle_name", of_rows().map(|head| head.name.as_str()));
+        columns.numbers("time_s", of_rows().map(|head| head.time_s).collect());
         columns.numbers("mode", self.mode);
         columns.numbers("probability", self.probability);
         columns.numbers("step", self.step);
@@ -230,10 +134,10 @@ impl Rows {
         columns.numbers("y", self.y);
         columns.numbers("s", self.s);
         columns.numbers("d", self.d);
-        columns.texts("past", of_heads(heads, |head| head.past));
-        columns.numbers("observed_s", of_heads(heads, |head| head.observed_s).collect());
-        for (term, [forward, left]) in self.forces {
-            for (axis, mut values) in [("x", forward), ("y", left)] {
+        columns.texts("past", of_rows().map(|head| head.past));
+        columns.numbers("observed_s", of_rows().map(|head| head.observed_s).collect());
+        for (term, forces) in self.forces {
+            for (axis, mut values) in ["x", "y"].into_iter().zip(forces) {
                 values.resize(rows, 0.);
                 columns.numbers(format!("force_{term}_{axis}"), values);
             }
