@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use crate::assemble::{Rows, VehicleBody};
 use crate::dataset::Dataset;
 use crate::error::DataError;
-use crate::lanes::lane_between;
+use crate::lanes::lane_at;
 use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED, MIN_RATE_HZ};
 use crate::recording::{LaneMarking, Recording, RecordingMeta, Road, VehicleClass};
 use crate::window::Observation;

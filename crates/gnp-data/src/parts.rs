@@ -34,8 +34,16 @@ impl Recording {
         check_columns(&columns, &tracks, meta.velocities).map_err(fail)?;
         let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
         let frames = FrameIndex::new(&spans);
-        let (names, without_velocity) = (BTreeMap::new(), Vec::new());
-        Ok(Self { meta, roads, tracks, columns, frames, lane_order: None, names, without_velocity })
+        Ok(Self {
+            meta,
+            roads,
+            tracks,
+            columns,
+            frames,
+            lane_order: None,
+            without_velocity: Vec::new(),
+            names: BTreeMap::new(),
+        })
     }
 }
 

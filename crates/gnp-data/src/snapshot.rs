@@ -219,6 +219,7 @@ impl Snapshot {
             lane_order: None,
             names: BTreeMap::new(),
             without_velocity: Vec::new(),
+            names: BTreeMap::new(),
         };
         let (vehicles, places, neighbours) = (Vec::new(), Vec::new(), Neighbours::default());
         Ok(Self { recording, shape, frame: 0, vehicles, places, neighbours })
