@@ -276,7 +276,7 @@ impl LiveScene {
         let frame = |frame: i64| u32::try_from(frame.saturating_sub(first)).unwrap_or(u32::MAX - 1);
         let column = |axis: usize| all().map(|(_, _, sample, _)| sample.position[axis]).collect();
         let (vehicle, frames): (Vec<u32>, Vec<u32>) = all().map(|(id, at, ..)| (id, frame(at))).unzip();
-        let lane = all().map(|(_, _, sample, _)| lane_between(self.lines.iter().map(|line| line.y), sample.position[1])).collect();
+        let lane = all().map(|(_, _, sample, _)| lane_at(&self.lines, sample.position[1])).collect();
         let velocities: Option<Vec<[f32; 2]>> = all().map(|(_, _, sample, _)| sample.velocity).collect();
         let velocity = velocities.map(|v| [0, 1].map(|axis| v.iter().map(|v| v[axis]).collect()));
         let bodies: Vec<VehicleBody> = all().map(|(.., body)| body).collect();

@@ -56,6 +56,7 @@ pub(crate) struct Entry {
 #[derive(Debug, Default)]
 pub(crate) struct Output {
     pub(crate) time_s: f64,
+    pub(crate) model_s: f64,
     pub(crate) entries: Vec<Entry>,
     pub(crate) problems: Vec<Problem>,
     pub(crate) forecasts: Forecasts,
@@ -74,6 +75,12 @@ impl<'a> Frame<'a> {
     #[must_use]
     pub fn time_s(&self) -> f64 {
         self.output.time_s
+    }
+
+    /// Time that the model took for it, s; the rest of a [`push`](crate::Stream::push) is the stream's own.
+    #[must_use]
+    pub fn model_s(&self) -> f64 {
+        self.output.model_s
     }
 
     /// The vehicles: those of the tracks in their order, then those missing, by id.

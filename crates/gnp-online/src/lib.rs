@@ -36,7 +36,7 @@
 //!   time enters as it is. Frames faster than the model's are as good as those at its rate.
 //! - **Velocities** may be given with any sample, from measurements up to its time; where they are not, they are
 //!   differences of positions.
-//! - **Sizes** may be given; the last one given counts, before that the one of the class ([`default_size`]).
+//! - **Sizes** may be given; the last one given counts, before that the one of the class ([`default_size`](gnp_data::VehicleClass::default_size)).
 //!
 //! # What happens when
 //!
@@ -67,4 +67,4 @@ pub use crate::config::StreamConfig;
 pub use crate::error::{OnlineError, Reason};
 pub use crate::frame::{Frame, Problem, Validity, Vehicle};
 pub use crate::stream::Stream;
-pub use crate::tracked::{Tracked, default_size};
+pub use crate::tracked::Tracked;

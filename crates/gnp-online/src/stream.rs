@@ -1,5 +1,7 @@
 //! The streaming predictor.
 
+use std::time::Instant;
+
 use gnp_data::limits::{self, MAX_LANE_WIDTH, MAX_POSITION};
 use gnp_data::{LaneMarking, Observation, Past, PredictError, Snapshot, VehicleBody, WindowShape};
 use gnp_model::{Forecasts, Gnp, ModelError, Workspace};
@@ -9,7 +11,7 @@ use crate::config::StreamConfig;
 use crate::error::{OnlineError, Reason};
 use crate::frame::{Entry, Frame, Output, Problem, Validity};
 use crate::samples::{Grid, Keeping, Sample};
-use crate::tracked::{Tracked, default_size};
+use crate::tracked::Tracked;
 use crate::vehicles::Vehicles;
 
 /// A past has a gap where two samples are this many frames of the model apart.
@@ -220,7 +222,7 @@ impl Stream {
             let Some(now) = vehicle.samples.at(time_s) else { continue };
             let now = Sample { time_s, ..now };
             entry.gap_s = entry.gap_s.max(vehicle.samples.onto(&mut room.grid, now, period_s, frames));
-            let [length, width] = vehicle.size.unwrap_or(default_size(vehicle.class));
+            let [length, width] = vehicle.size.unwrap_or(vehicle.class.default_size());
             let body = VehicleBody { class: vehicle.class, length, width, road: 0 };
             let pushed = snapshot.push(place as u32, body, &room.grid.positions, &room.grid.velocities);
             if pushed.is_err() {
@@ -234,7 +236,7 @@ impl Stream {
     /// Predicts the snapshot, and says of each vehicle what that rests on.
     fn predict(&mut self) -> Result<(), OnlineError> {
         let Self { gnp, config, vehicles, snapshot, output, room, .. } = self;
-        let Output { entries, forecasts, paths, .. } = output;
+        let Output { entries, forecasts, paths, model_s, .. } = output;
         let gap_s = GAP / snapshot.shape().rate_hz;
         let mut observations = emptied(std::mem::take(&mut room.observations));
         for present in snapshot.vehicles() {
@@ -247,9 +249,11 @@ impl Stream {
             };
             observations.extend(present.observation());
         }
+        let before = Instant::now();
         let result = forecast(gnp, config.k, &mut observations, &mut room.workspace, forecasts, |left_out| {
             entries[vehicles.get(left_out.vehicle() as usize).entry].validity = Validity::Not(Reason::NotFinite);
         });
+        *model_s = before.elapsed().as_secs_f64();
         for (window, observation) in observations.iter().enumerate().filter(|_| result.is_ok()) {
             let entry = &mut entries[vehicles.get(observation.vehicle() as usize).entry];
             entry.window = Some(window);

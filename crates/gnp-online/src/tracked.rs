@@ -1,6 +1,6 @@
 //! What is known of a vehicle in a frame.
 
-use gnp_data::{NAMED_LEADER_SIZE, VehicleClass};
+use gnp_data::VehicleClass;
 
 /// A vehicle that was detected, at the time of its frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,7 +12,7 @@ pub struct Tracked {
     pub position: [f64; 2],
     /// Velocity, m/s, in the directions of these coordinates, from measurements up to now; `None` where not measured.
     pub velocity: Option<[f32; 2]>,
-    /// Length and width, m; `None` where not known.
+    /// Length and width, m; `None` where not known: see [`VehicleClass::default_size`].
     pub size: Option<[f32; 2]>,
     /// Kind of vehicle.
     pub class: VehicleClass,
@@ -41,15 +41,5 @@ impl Tracked {
     #[must_use]
     pub fn with_class(self, class: VehicleClass) -> Self {
         Self { class, ..self }
-    }
-}
-
-/// Length and width, m, of a vehicle whose size is not given.
-#[must_use]
-pub fn default_size(class: VehicleClass) -> [f32; 2] {
-    match class {
-        VehicleClass::Motorcycle => [2.2, 0.8],
-        VehicleClass::Car => NAMED_LEADER_SIZE,
-        VehicleClass::Truck => [12., 2.5],
     }
 }

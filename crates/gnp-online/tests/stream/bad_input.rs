@@ -1,7 +1,7 @@
 //! What cannot be is told, and everybody else is predicted.
 
 use gnp_data::{LaneMarking, LiveError, VehicleClass, WindowShape};
-use gnp_online::{Frame, OnlineError, Reason, Stream, StreamConfig, Tracked, Validity, default_size};
+use gnp_online::{Frame, OnlineError, Reason, Stream, StreamConfig, Tracked, Validity};
 use gnp_road::ReferenceLine;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -182,6 +182,6 @@ fn garbage_in_numbers_out() {
 #[test]
 fn sizes_of_classes_are_those_of_vehicles() {
     for class in [VehicleClass::Motorcycle, VehicleClass::Car, VehicleClass::Truck] {
-        assert!(gnp_data::limits::is_size(default_size(class)));
+        assert!(gnp_data::limits::is_size(class.default_size()));
     }
 }
