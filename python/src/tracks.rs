@@ -70,15 +70,12 @@ pub(crate) fn read(source: &Bound<'_, PyAny>) -> PyResult<TrackTable> {
 /// What is known of the road: points of its line, m, and lateral positions of lane lines from right to left, m.
 ///
 /// # Errors
-/// `gnp.TracksError` for points that make no line.
+/// [`TracksError`] for points that make no line, and for lines that make no lanes.
 pub(crate) fn options(road: Option<Vec<[f64; 2]>>, lines: Option<Vec<f64>>) -> PyResult<TrackOptions> {
     let road = road.map(|points| ReferenceLine::from_points(&points)).transpose();
     let road = road.map_err(|error| TracksError::new_err(format!("road: {error}")))?;
-    let lines = lines.map(|lines| {
-        let last = lines.len().saturating_sub(1);
-        let line = |(index, y): (usize, &f64)| LaneMarking::new(*y as f32, index == 0 || index == last);
-        lines.iter().enumerate().map(line).collect()
-    });
+    let lines = lines.map(|lines| LaneMarking::of_carriageway(&lines)).transpose();
+    let lines = lines.map_err(|error| TracksError::new_err(format!("lines: {error}")))?;
     Ok(TrackOptions { road, lines, ..TrackOptions::default() })
 }
 
