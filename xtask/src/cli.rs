@@ -77,6 +77,9 @@ Examples:
   cargo xtask c --write               the header anew, after a change of crates/gnp-c/src/border.rs
   cargo xtask c --install DIR         header, library, CMake's and pkg-config's files below DIR")]
     C(CArgs),
+    /// Build the Python package and run its tests, types and notebook against the wheel; says so where a Python lacks what
+    /// python/requirements-ci.txt lists.
+    Python,
     /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
     Features,
     /// Build physics, kernels, networks and modes for 64-bit ARM and run their tests in an emulator; takes minutes.

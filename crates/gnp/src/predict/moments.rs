@@ -185,6 +185,12 @@ impl Asked {
         &self.left_out
     }
 
+    /// Vehicles at the moments, those among them that will have no forecast.
+    #[must_use]
+    pub fn vehicles(&self, recording: &Recording) -> usize {
+        self.frames.iter().map(|frame| recording.present(*frame).len()).sum()
+    }
+
     /// The frames in pieces of at least `vehicles` vehicles each, but for the last one.
     pub(super) fn pieces(&self, recording: &Recording, vehicles: usize) -> Vec<Self> {
         let mut pieces = Vec::new();
@@ -300,6 +306,6 @@ pub(crate) fn span_s(recording: &Recording) -> [f64; 2] {
 }
 
 /// Time of frame 0 on the clock of the tracks, s.
-pub(super) fn start_s(_recording: &Recording) -> f64 {
-    0.
+pub(super) fn start_s(recording: &Recording) -> f64 {
+    recording.meta().start_s
 }
