@@ -18,8 +18,12 @@ mod ngsim;
 #[cfg(feature = "readers")]
 mod periods;
 #[cfg(feature = "readers")]
+mod sumo;
+#[cfg(feature = "readers")]
 mod table;
 
+#[cfg(feature = "readers")]
+pub(crate) use self::ngsim::COLUMNS as NGSIM_COLUMNS;
 #[cfg(feature = "readers")]
 pub(crate) use self::table::gzip::head;
 
@@ -31,7 +35,7 @@ pub(crate) fn line_of(file: &std::path::Path, row: usize) -> Result<u64, crate::
 
 /// All of them, in the order in which they are described.
 #[cfg(feature = "readers")]
-pub(crate) const ALL: &[&dyn Format] = &[&ngsim::Ngsim, &highd::HighD];
+pub(crate) const ALL: &[&dyn Format] = &[&ngsim::Ngsim, &highd::HighD, &sumo::Sumo];
 
 /// None: reading needs the feature `readers`.
 #[cfg(not(feature = "readers"))]

@@ -89,6 +89,7 @@ impl TrackLayout {
             driving_direction: if way.along { 2 } else { 1 },
             lines: way.lanes.lines.clone(),
             fitted: !way.lanes.given,
+            axis: Some(if way.along { self.axis.clone() } else { self.axis.reversed() }),
         };
         self.ways.0.iter().map(road).collect()
     }

@@ -13,6 +13,7 @@ mod leaders;
 mod merged;
 mod ngsim;
 mod quality;
+mod sumo;
 mod text;
 mod tracks;
 
