@@ -88,9 +88,7 @@ impl Format for Sumo {
             let file = source.file()?.to_owned();
             let recorded = head(&file)?.0.windows(RECORDED.len()).any(|at| at == RECORDED.as_bytes());
             source.simulated |= !recorded;
-            let beside = |it: &&PathBuf| it.parent() == file.parent();
-            let candidates = found.files().iter().map(|it| &it.path).filter(beside);
-            source.files.extend(candidates.filter(|it| has_types(it)).cloned());
+            source.files.extend(found.beside(&file).filter(|it| has_types(it)).map(Path::to_owned));
         }
         Ok(sources)
     }
@@ -168,10 +166,13 @@ struct Fcd {
     layout: Layout,
     /// Largest index of a lane by edge.
     edges: BTreeMap<String, i16>,
+    /// Whether vehicles have speeds.
+    speeds: bool,
     types: Types,
     site: String,
     name: String,
     simulated: bool,
+    notes: Vec<String>,
 }
 
 impl Fcd {
@@ -186,7 +187,7 @@ impl Fcd {
         for file in &source.files[1..] {
             types.read(file)?;
         }
-        let (mut edges, mut degrees) = (BTreeMap::<String, i16>::new(), Degrees::default());
+        let (mut edges, mut degrees, mut speeds) = (BTreeMap::<String, i16>::new(), Degrees::default(), false);
         layout.vehicles(&file, &mut Other::default(), &mut |vehicle| {
             if let Some((edge, index)) = vehicle.edge() {
                 match edges.get_mut(edge) {
@@ -195,11 +196,12 @@ impl Fcd {
                 }
             }
             degrees.see(vehicle);
+            speeds |= vehicle.speed.is_some();
             Ok(true)
         })?;
         degrees.check(&file)?;
         let (site, name) = (source.site.clone().unwrap_or_else(|| "sumo".to_owned()), source.name.clone());
-        Ok(Self { file, layout, edges, types, site, name, simulated: source.simulated })
+        Ok(Self { file, layout, edges, speeds, types, site, name, simulated: source.simulated, notes: source.notes.clone() })
     }
 
     /// Lane of a vehicle, 1 the leftmost of its edge; 0 unknown.
@@ -294,13 +296,14 @@ impl<'a> Part<'a> {
         let Self { fcd, mut table, numbers, speed, heading, lane, guessed, .. } = self;
         let what = if matches!(fcd.layout, Layout::Parquet(_)) { "row" } else { "line" };
         table.places = RowPlaces::Numbers { file: fcd.file.clone(), what, numbers };
-        table.speed = Some(speed);
+        table.speed = fcd.speeds.then_some(speed);
         table.heading = Some(heading);
         table.lane_numbers = LaneNumbers::FromLeft;
         table.lane = Some(lane);
         for (ours, theirs) in [("time", "time"), ("heading", "angle")] {
             table.columns.insert(ours, theirs.to_owned());
         }
+        table.notes.extend(fcd.notes.iter().cloned());
         table.notes.extend(guessed.keys().map(|kind| {
             let [length, width] = fcd.types.kind(kind).size;
             format!(

@@ -134,9 +134,9 @@ fn what_is_wrong_is_named_with_its_place() {
         error.to_string()
     };
     for (what, text, words) in [
-        ("a number", xml("").replacen("x=\"13.00\"", "x=\"far\"", 1), &["line 11", "`x`", "far"][..]),
-        ("not finite", xml("").replacen("x=\"13.00\"", "x=\"inf\"", 1), &["line 11", "`x`", "inf"]),
-        ("no position", xml("").replacen("x=\"13.00\" ", "", 1), &["line 11", "`x`", "missing", "--fcd-output.attributes"]),
+        ("a number", xml("").replacen("x=\"13.00\"", "x=\"far\"", 1), &["line 13", "`x`", "far"][..]),
+        ("not finite", xml("").replacen("x=\"13.00\"", "x=\"inf\"", 1), &["line 13", "`x`", "inf"]),
+        ("no position", xml("").replacen("x=\"13.00\" ", "", 1), &["line 13", "`x`", "missing", "--fcd-output.attributes"]),
         ("no time", xml("").replacen(" time=\"100.00\"", "", 1), &["line 5", "`time`"]),
         ("cut off", xml("")[..4000].to_owned(), &["line "]),
         ("not nested", xml("</timestep>"), &["timestep"]),

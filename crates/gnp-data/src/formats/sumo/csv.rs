@@ -9,7 +9,7 @@ use crate::formats::table::gzip::Blocks;
 use crate::formats::table::sniff::{Head, Separator, split};
 
 /// Columns that are read, under their names with and without the name of the element.
-const COLUMNS: [(&str, &str); 8] = [
+pub(super) const COLUMNS: [(&str, &str); 8] = [
     ("timestep_time", "time"),
     ("vehicle_id", "id"),
     ("vehicle_x", "x"),
