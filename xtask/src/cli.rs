@@ -91,6 +91,21 @@ Other processors need QEMU's user mode, package qemu-user; without it they are s
 
 Exit code: 0 what is promised holds, 1 it does not, 2 wrong use.")]
     Determinism(DeterminismArgs),
+    /// Train the weights that come with the program and put them in place of those in models/; takes a minute.
+    #[command(after_help = "\
+Examples:
+  cargo xtask pretrained             after a change of the networks, the training or the scenes
+  cargo xtask pretrained --check     whether the committed weights are what their configuration makes, byte for byte
+
+Exit code: 0 done, 1 a file differs or an error, 2 wrong use.")]
+    Pretrained {
+        /// Compare with the committed files; change none.
+        #[arg(long)]
+        check: bool,
+        /// On what.
+        #[command(flatten)]
+        machine: MachineArgs,
+    },
     /// Write the bill of materials anew, docs/sbom.cdx.json, from Cargo.lock and what cargo knows of each package.
     Sbom,
     /// Check what the compiler cannot: the map in docs/architecture.md, who depends on whom, file headers, bill of materials.

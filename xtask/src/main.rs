@@ -8,6 +8,7 @@ mod contents;
 mod determinism;
 mod fuzz;
 mod gallery;
+mod pretrained;
 mod process;
 mod project;
 mod sbom;
@@ -52,6 +53,7 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Aarch64 => ci::aarch64::run(&project::root(), ci::aarch64::Extent::All, &terminal(false)),
         Command::Determinism(args) => determinism::run(*args, &terminal(args.quiet)),
         Command::Torture(args) => torture::run(args, &terminal(args.quiet)),
+        Command::Pretrained { check, machine } => pretrained::run(*check, &gnp_cli::machine(machine, program)?),
         Command::Sbom => sbom::write(&project::root(), &terminal(false)),
         Command::Tidy => tidy::run(&project::root()),
     }

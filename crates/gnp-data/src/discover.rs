@@ -92,33 +92,6 @@ pub fn search(path: &Path, format: &dyn Format) -> Result<Discovery, DataError> 
     Ok(Discovery { sources, not_read })
 }
 
-/// The format of a file, or of the files of a folder, told by what is in them. Of several that recognise files there, the
-/// one that comes first in [`FORMATS`] is taken, which go from the particular to the general.
-///
-/// # Errors
-/// [`DataError::NoRecordings`] where none does; where one would but for a fault that it can name, that fault.
-pub fn recognised(path: &Path) -> Result<&'static dyn Format, DataError> {
-    let (mut fault, mut seen) = (None, None);
-    for format in FORMATS {
-        match search(path, *format) {
-            Ok(_) => return Ok(*format),
-            Err(error @ (DataError::NoRecordings { .. } | DataError::Foreign { .. })) => drop(seen.get_or_insert(error)),
-            // The path itself.
-            Err(error @ (DataError::Io { .. } | DataError::NotAFile { .. })) => return Err(error),
-            Err(error) => drop(fault.get_or_insert(error)),
-        }
-    }
-    let known = || FORMATS.iter().map(|format| format.files()).collect::<Vec<_>>().join("; or ");
-    Err(match (fault, seen) {
-        (Some(fault), _) => fault,
-        (None, Some(DataError::NoRecordings { folder, seen, .. })) => {
-            DataError::NoRecordings { folder, expected: known(), seen }
-        }
-        (None, Some(other)) => other,
-        (None, None) => DataError::NoRecordings { folder: path.into(), expected: known(), seen: "no format is built in".into() },
-    })
-}
-
 /// Files of a folder that may hold recordings, as [`Format::sources`] is given them.
 #[derive(Clone, Debug)]
 pub struct FoundFiles {

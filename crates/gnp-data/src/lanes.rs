@@ -38,6 +38,11 @@ pub fn fit_lanes(lane: &[i16], y: &[f32]) -> LaneFit {
     LaneFit { lines: lines(&centres), width: width(&centres), centres, misplaced }
 }
 
+/// Number of the lane at `y`, m, between `lines` from right to left, 1 the leftmost; 0 outside them.
+pub(crate) fn lane_at(lines: &[LaneMarking], y: f32) -> i16 {
+    lane_between(lines.iter().map(|line| line.y), y)
+}
+
 /// Lanes fitted by [`fit_lanes`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]

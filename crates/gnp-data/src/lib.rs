@@ -38,6 +38,7 @@ mod recording;
 mod scene_edit;
 pub mod schema;
 mod slot;
+mod snapshot;
 mod split;
 mod standardise;
 #[cfg(feature = "readers")]
@@ -58,7 +59,7 @@ pub use crate::account::Account;
 pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
 pub use crate::copies::{Copies, Fingerprint, LeftOut, Taken};
 pub use crate::dataset::{Dataset, DatasetNameError};
-pub use crate::discover::{Discovery, FoundFile, FoundFiles, NotRead, discover_with, recognised, search};
+pub use crate::discover::{Discovery, FoundFile, FoundFiles, NotRead, discover_with, search};
 pub use crate::error::{DataError, TrackProblem};
 pub use crate::explanation::{Cause, Contribution, Explanation, TermForces};
 pub use crate::format::{
@@ -76,6 +77,7 @@ pub use crate::recording::{
 };
 pub use crate::scene_edit::{EditedScene, SPEED_CHANGE_S, SceneEditError};
 pub use crate::slot::{BySlot, SLOTS, Slot};
+pub use crate::snapshot::{FILL_FROM_S, Past, Present, Snapshot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
 #[cfg(feature = "readers")]

@@ -34,7 +34,16 @@ impl Recording {
         check_columns(&columns, &tracks, meta.velocities).map_err(fail)?;
         let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
         let frames = FrameIndex::new(&spans);
-        Ok(Self { meta, roads, tracks, columns, frames, lane_order: None, names: BTreeMap::new() })
+        Ok(Self {
+            meta,
+            roads,
+            tracks,
+            columns,
+            frames,
+            lane_order: None,
+            without_velocity: Vec::new(),
+            names: BTreeMap::new(),
+        })
     }
 }
 

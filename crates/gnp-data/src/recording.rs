@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use gnp_force::MarkingKind;
-use gnp_road::ReferenceLine;
+use gnp_road::{LaneLinesError, ReferenceLine, check_lane_lines};
 use serde::{Deserialize, Serialize};
 
 use crate::dataset::Dataset;
@@ -39,6 +39,16 @@ impl LaneMarking {
     pub fn new(y: f32, boundary: bool) -> Self {
         let kind = if boundary { MarkingKind::Boundary } else { MarkingKind::LaneDivider };
         Self { kind, y }
+    }
+
+    /// The lines of a carriageway at `offsets`, m, from right to left, positive to the left; the outer two are its edges.
+    ///
+    /// # Errors
+    /// [`LaneLinesError`] for offsets that make no lanes.
+    pub fn of_carriageway(offsets: &[f64]) -> Result<Vec<Self>, LaneLinesError> {
+        check_lane_lines(offsets)?;
+        let edge = |i: usize| i == 0 || i + 1 == offsets.len();
+        Ok(offsets.iter().enumerate().map(|(i, y)| Self::new(*y as f32, edge(i))).collect())
     }
 }
 
@@ -230,6 +240,8 @@ pub struct Recording {
     pub(crate) frames: FrameIndex,
     /// Place of each lane number in the order from the left, 1 leftmost, where neighbours were found from lanes.
     pub(crate) lane_order: Option<LaneOrder>,
+    /// Tracks of one row whose velocity is not known where others' are recorded: in a [`Snapshot`](crate::Snapshot) alone.
+    pub(crate) without_velocity: Vec<u32>,
     /// Names of vehicles whose names in the data are no numbers.
     pub(crate) names: BTreeMap<u32, String>,
 }

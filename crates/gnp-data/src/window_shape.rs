@@ -36,6 +36,15 @@ impl WindowShape {
         if positive && whole { Ok(()) } else { Err(WindowError::Shape { shape: *self }) }
     }
 
+    /// The same windows in a recording of another rate, by whole steps; `None` where that rate is no whole multiple of the
+    /// windows'.
+    #[must_use]
+    pub fn at_rate(&self, recording_hz: f64) -> Option<Self> {
+        let step = (recording_hz / self.rate_hz).round();
+        let whole = step >= 1. && same_rate(recording_hz, self.rate_hz * step);
+        whole.then_some(Self { step: step as usize, ..*self })
+    }
+
     /// Period of the window's frames, s.
     #[must_use]
     pub fn dt(&self) -> f64 {

@@ -9,6 +9,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 
 use crate::error::DataError;
+use crate::lanes::lane_at;
 use crate::recording::{Recording, Road, Track};
 use crate::track_options::TrackOptions;
 use crate::tracks::Tracks;
@@ -107,16 +108,12 @@ pub(crate) fn numbered(path: &Path, part: &str) -> PathBuf {
     path.with_file_name(format!("{}-{part}{}", &name[..end], &name[end..]))
 }
 
-/// Place of the lane at `y`, m, among those of a carriageway, 0 the rightmost; the nearest beside the road, `None` without
-/// lines.
-pub(crate) fn lane_at(road: &Road, y: f32) -> Option<usize> {
-    let lanes = road.lines.len().checked_sub(1).filter(|lanes| *lanes > 0)?;
-    Some(road.lines.iter().filter(|line| line.y <= y).count().saturating_sub(1).min(lanes - 1))
-}
-
-/// Lanes of a carriageway.
-pub(crate) fn lanes_of(road: &Road) -> usize {
-    road.lines.len().saturating_sub(1)
+/// Lane of a row, 1 the leftmost, 0 unknown: by the number that the data has, where the order of these is known, else by
+/// the lines.
+pub(crate) fn lane(recording: &Recording, road: &Road, row: usize) -> i16 {
+    let number = recording.columns.lane[row];
+    let placed = recording.lane_order.as_ref().and_then(|order| order.get(&number)).filter(|place| **place > 0);
+    placed.copied().unwrap_or_else(|| lane_at(&road.lines, recording.columns.y[row]))
 }
 
 /// Frame of a row of a track.

@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use gnp_data::{Dataset, Format, IngestReport, TrackOptions, Tracks, Written, format_of, recognised, search};
+use gnp_data::{Dataset, Format, IngestReport, TrackOptions, Tracks, Written, format_of};
 
 use crate::error::{Context as _, Result, bail};
 use crate::inside::inside;
 use crate::machine::Machine;
+use crate::predict::input::Input;
 
 /// From what to what.
 #[derive(Clone, Debug)]
@@ -89,13 +90,13 @@ impl Converted {
 /// not take them, or a file cannot be written.
 pub fn convert(conversion: &Conversion, machine: &Machine) -> Result<Converted> {
     let Conversion { input, from, to, output, options } = conversion;
-    let format = from.map_or_else(|| recognised(input), format_of)?;
     let target = format_of(*to)?;
     if target.written_as().is_empty() {
         bail!(Unavailable, "{} is read and not written; convert to one of: {}", target.title(), writable());
     }
-    let found = search(input, format)?;
-    found.notes().iter().for_each(|note| machine.progress.note(note));
+    let found = Input::find(input, *from)?;
+    let format = format_of(found.dataset)?;
+    found.notes.iter().for_each(|note| machine.progress.note(note));
     let single = is_file(target, output);
     let mut converted = Converted {
         from: format.dataset(),

@@ -2,6 +2,9 @@
 
 mod find;
 mod text;
+mod tracks;
+
+pub use self::tracks::{TracksQuestion, explain_tracks};
 
 use std::path::{Path, PathBuf};
 

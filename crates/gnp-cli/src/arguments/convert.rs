@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use gnp_data::Dataset;
 
-use super::MachineArgs;
+use super::{MachineArgs, RoadArgs};
 use crate::names::dataset;
 
 /// From what to what.
@@ -24,6 +24,9 @@ pub struct ConvertArgs {
     /// names are replaced.
     #[arg(long, value_name = "PATH")]
     pub(crate) output: PathBuf,
+    /// On which road, for NGSIM and highD.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Written, frame, lane_at, lanes_of, neighbour, renamed, to_file};
+use super::{Written, frame, neighbour, renamed, to_file};
 use crate::error::DataError;
+use crate::lanes::lane_at;
 use crate::limits::MAX_LANE_WIDTH;
 use crate::recording::{Recording, Track, VehicleClass};
 use crate::slot::Slot;
@@ -105,10 +106,16 @@ impl<'a> Layout<'a> {
     /// Number of the lane of a row: from 2 downwards in the image, as highD has them.
     fn lane(&self, track: &Track, y: f32) -> usize {
         let road = &self.recording.roads()[usize::from(track.road)];
-        let place = lane_at(road, y).unwrap_or(0);
+        let lanes = road.lines.len() - 1;
+        let from_left = match lane_at(&road.lines, y) {
+            // Beside the road: the nearest.
+            0 if road.lines.last().is_some_and(|left| y >= left.y) => 1,
+            0 => lanes,
+            lane => usize::from(lane.cast_unsigned()),
+        };
         match self.side(track) {
-            0 => 2 + place,
-            _ => 2 + self.markings[0].len() + (lanes_of(road) - 1 - place),
+            0 => 2 + lanes - from_left,
+            _ => 2 + self.markings[0].len() + from_left - 1,
         }
     }
 

@@ -3,7 +3,8 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::{Written, frame, lane_at, lanes_of, neighbour, numbered, renamed, to_file};
+use super::{Written, frame, neighbour, numbered, renamed, to_file};
+use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::recording::{Recording, Road, Track, VehicleClass, VelocitySource};
 use crate::slot::Slot;
@@ -105,7 +106,9 @@ impl<'a> Part<'a> {
         let speed = |row: usize| f64::from(c.vx[row].hypot(c.vy[row]));
         let [before, after] = [row.saturating_sub(1).max(track.rows.start), (row + 1).min(track.rows.end - 1)];
         let acceleration = (speed(after) - speed(before)) * RATE / (after - before).max(1) as f64;
-        let lane = lane_at(self.road, c.y[row]).map_or(0, |place| lanes_of(self.road) - place);
+        // Of NGSIM's own numbers two are ramps, which have one place in the order.
+        let own = recording.meta().dataset == Dataset::NGSIM;
+        let lane = if own { c.lane[row] } else { super::lane(recording, self.road, row) };
         let ahead = recording.neighbour(row, Slot::Preceding).map(|track| &recording.tracks()[track]);
         let gap = ahead.and_then(|it| Some(front(it.row_at(frame)?, it.length) - here)).unwrap_or(0.);
         let headway = match (gap > 0., speed(row)) {

@@ -1,10 +1,8 @@
 //! A recording's tracks in a right-handed plane: the way back from its carriageways to a table.
 
-use std::collections::BTreeMap;
-
 use gnp_road::ReferenceLine;
 
-use super::{frame, lane_at, lanes_of};
+use super::frame;
 use crate::recording::{Recording, Road, VelocitySource};
 use crate::track_table::{TableVehicle, TrackTable};
 
@@ -90,25 +88,12 @@ impl TrackTable {
                 velocity[0].push(vx);
                 velocity[1].push(vy);
                 heading.push(ay.atan2(ax));
-                lane.push(recording.lane_from_left(road, row));
+                lane.push(recording.roads.get(road).map_or(0, |road| super::lane(recording, road, row)));
             }
         }
         table.velocity = recorded.then_some(velocity);
         table.heading = Some(heading);
         table.lane = lane.iter().any(|lane| *lane > 0).then_some(lane);
         table
-    }
-}
-
-impl Recording {
-    /// Lane of a row, 1 the leftmost: between the lines, else by the order of the numbers that the data has; 0 unknown.
-    fn lane_from_left(&self, road: usize, row: usize) -> i16 {
-        let number = self.columns.lane[row];
-        let known: Option<&BTreeMap<i16, i16>> = self.lane_order.as_ref();
-        let by_line = self.roads.get(road).and_then(|road| Some(lanes_of(road) - lane_at(road, self.columns.y[row])?));
-        match by_line {
-            Some(lane) => lane as i16,
-            None => known.and_then(|order| order.get(&number)).copied().unwrap_or(0).max(0),
-        }
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use gnp_data::{
     DataError, Dataset, LaneNumbers, Recording, TableVehicle, TrackOptions, TrackTable, Tracks, VehicleClass, Written,
-    discover, format_of, recognised,
+    discover, format_of,
 };
 use gnp_road::ReferenceLine;
 use tempfile::tempdir;
@@ -100,7 +100,6 @@ fn tracks_in_a_plane_come_back_as_they_were_on_any_road() {
         let place = folder.path().join(name.replace('.', "-")).join(name);
         let written = write(&first, dataset, &place, &options).unwrap();
         assert_eq!((written.rows, written.vehicles), (435, 3), "{name}");
-        assert_eq!(recognised(&place).unwrap().dataset(), dataset, "{name}");
         let after = read(&place, dataset);
         assert_eq!(after.len(), 1, "{name}");
         assert!(!after[0].is_simulated(), "{name}: recorded tracks stay recorded");
@@ -239,20 +238,4 @@ fn what_a_layout_does_not_take_or_hold_is_said() {
     let written = write(&Tracks::Table(straight), Dataset::NGSIM, &folder.path().join("c.csv"), &options).unwrap();
     assert_eq!(written.files.len(), 2, "a file for each direction");
     assert!(written.lost.iter().any(|(what, n)| what.contains("names") && *n == 3), "{:?}", written.lost);
-}
-
-#[test]
-fn formats_are_told_by_what_is_in_files() {
-    for (place, dataset) in
-        [("ngsim", Dataset::NGSIM), ("highd", Dataset::HIGHD), ("highd/01_tracks.csv.gz", Dataset::HIGHD)]
-    {
-        assert_eq!(recognised(&fixtures(place)).unwrap().dataset(), dataset, "{place}");
-    }
-    let folder = tempdir().unwrap();
-    assert!(matches!(recognised(folder.path()), Err(DataError::NoRecordings { .. })));
-    let words = folder.path().join("words.csv");
-    std::fs::write(&words, "a,b\n1,2\n").unwrap();
-    let error = recognised(&words).unwrap_err().to_string();
-    assert!(error.contains("id, time, x and y") && error.contains("highD's"), "{error}");
-    assert!(matches!(recognised(&folder.path().join("nothing")), Err(DataError::Io { .. })));
 }
