@@ -182,7 +182,9 @@ impl FoundFiles {
     fn set_aside(&mut self, format: &dyn Format) -> Result<(), DataError> {
         let mut kept = Vec::with_capacity(self.files.len());
         for file in std::mem::take(&mut self.files) {
-            if !file.asked || matches!(format.recognise(&file.path), Ok(true)) {
+            // What a format refuses with a reason of its own is not told by its first bytes alone.
+            let of_format = |found| matches!(found, Ok(true) | Err(DataError::Table { .. } | DataError::Tracks { .. }));
+            if !file.asked || of_format(format.recognise(&file.path)) {
                 kept.push(file);
                 continue;
             }

@@ -44,7 +44,8 @@ const MARKS: [(usize, &[u8], &str, &str); 23] = [
         0,
         b"PAR1",
         "a Parquet file, as Argoverse 2 and forecasts of this program are",
-        "recordings are read from tables of text: save its rows as CSV in the columns of NGSIM or highD (docs/data.md)",
+        "the dataset `tracks` reads tables with id, time, x and y, `av2` scenarios of Argoverse 2; for another one save its \
+         rows as CSV (docs/data.md)",
     ),
     (0, b"ARROW1", "an Arrow file", AS_CSV),
     (0, b"\x89HDF\r\n\x1a\n", "an HDF5 file", AS_CSV),
