@@ -1,6 +1,7 @@
 //! The commands and their arguments.
 
 mod model;
+mod road;
 mod tables;
 mod traffic;
 
@@ -11,6 +12,7 @@ use gnp::{Setting, Stage};
 use gnp_data::Dataset;
 
 pub(crate) use self::model::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs};
+pub(crate) use self::road::RoadArgs;
 pub(crate) use self::tables::{CompareArgs, TableArgs};
 pub(crate) use self::traffic::{MeasureArgs, RealismArgs, SimulateArgs};
 use crate::names::{DeviceName, ProtocolName, dataset};
@@ -237,6 +239,9 @@ pub(crate) struct RunArgs {
     /// Override a key of the configuration, such as goal.epochs=3; repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<Setting>,
+    /// On which road.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
 }
 
 /// What to train.
@@ -304,6 +309,9 @@ pub struct EvaluateArgs {
     /// Folder (or file) of other recordings to score on.
     #[arg(long, value_name = "DIR")]
     pub(crate) data_dir: Option<PathBuf>,
+    /// On which road, where it is not that of the run.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
     /// Folder for scores on other recordings or of others' predictions; must not exist or be empty.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,

@@ -66,7 +66,7 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
         run.config.iter().for_each(|file| add("config", file.display().to_string()));
         run.data_dir.iter().for_each(|dir| add("data-dir", dir.display().to_string()));
         run.set.iter().for_each(|setting| add("set", format!("{}={}", setting.key, setting.text)));
-        Some(format!("{line} --resume --out {folder}"))
+        Some(format!("{line}{} --resume --out {folder}", run.road.words()))
     };
     match command {
         // The folder says what it was prepared for.
@@ -147,6 +147,9 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
             if args.out.is_some() {
                 bail!("--out is for other recordings (--data-dir); scores on a run's own windows stay in its folder");
             }
+            if args.road.any() {
+                bail!("--road and --lines are for other recordings (--data-dir); a run's own were read with theirs");
+            }
             let mut run = Run::resume(folder, &machine)?;
             run.say_data();
             if args.again {
@@ -159,7 +162,9 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
         }
         (None, Some(folder), Some(data)) => {
             let Some(out) = &args.out else { bail!("give a folder for the scores on other recordings: --out DIR") };
-            let run = Run::open_model(folder, &machine)?;
+            let mut run = Run::open_model(folder, &machine)?;
+            let (road, lane_lines) = args.road.parts()?;
+            run.set_road(road, lane_lines);
             let (scores, place) = score_recordings(&run, data, out)?;
             show(&scores, args.tables, &machine);
             machine.progress.result(&format!("\nAll scores: {}", place.join("metrics.md").display()));
@@ -191,6 +196,7 @@ fn evaluate_predictions(args: &EvaluateArgs, file: &Path, machine: &Machine) -> 
                 out: None,
                 resume: false,
                 set: args.set.clone(),
+                road: args.road.clone(),
             };
             let (config, _) = resolve(&run, None)?;
             PredictionsOn::Recordings { config: Box::new(config), data: args.data_dir.clone() }

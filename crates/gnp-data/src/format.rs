@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::Dataset;
 use crate::discover::{Discovery, FoundFiles, search};
-use crate::error::DataError;
+use crate::error::{DataError, TrackProblem};
 use crate::ingest_report::IngestReport;
 use crate::recording::Recording;
 use crate::schema::Schema;
+use crate::track_options::TrackOptions;
 use crate::window_shape::same_rate;
 
 /// A dataset's files: how they are recognised, what they mean, and how they become recordings.
@@ -70,6 +71,21 @@ pub trait Format: Send + Sync {
     /// # Errors
     /// Any [`DataError`] about a file; when `rate_hz` is given and is not that of the recording.
     fn read(&self, source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError>;
+
+    /// The same with what else is known of the road: for formats whose tracks lie in any plane. Others have their road in
+    /// their files.
+    ///
+    /// # Errors
+    /// As [`Format::read`]; where a road or lines are given that the format does not take.
+    fn read_with(&self, source: &Source, options: &TrackOptions) -> Result<Vec<(Recording, IngestReport)>, DataError> {
+        if options.road.is_some() || options.lines.is_some() {
+            let (problem, place) = (TrackProblem::Road, source.file()?.display().to_string());
+            let what = format!("a road or lane lines are given, and recordings of {} have their own", self.title());
+            let remedy = "leave them out".to_owned();
+            return Err(DataError::Tracks { problem, place, what, remedy });
+        }
+        self.read(source, options.rate_hz)
+    }
 }
 
 /// The formats of this crate, in the order in which they are described. Empty without the feature
@@ -161,15 +177,31 @@ pub fn survey(path: &Path, dataset: Dataset) -> Result<Discovery, DataError> {
 /// # Errors
 /// As [`format_of`] and [`Format::read`]; when the source is of another dataset.
 pub fn read(source: &Source, expect: &Expectation) -> Result<Vec<(Recording, IngestReport)>, DataError> {
-    let format = format_of(expect.dataset)?;
-    if source.dataset != expect.dataset {
-        return Err(DataError::NoRecordings {
-            folder: source.files.first().cloned().unwrap_or_default(),
-            expected: format.title().to_owned(),
-            seen: format!("a recording of {}", source.dataset),
-        });
+    of_source(source, expect.dataset)?.read(source, expect.rate_hz)
+}
+
+/// As [`read()`], with what is known of the road.
+///
+/// # Errors
+/// As [`read()`] and [`Format::read_with`].
+pub fn read_with(
+    source: &Source,
+    dataset: Dataset,
+    options: &TrackOptions,
+) -> Result<Vec<(Recording, IngestReport)>, DataError> {
+    of_source(source, dataset)?.read_with(source, options)
+}
+
+fn of_source(source: &Source, dataset: Dataset) -> Result<&'static dyn Format, DataError> {
+    let format = format_of(dataset)?;
+    if source.dataset == dataset {
+        return Ok(format);
     }
-    format.read(source, expect.rate_hz)
+    Err(DataError::NoRecordings {
+        folder: source.files.first().cloned().unwrap_or_default(),
+        expected: format.title().to_owned(),
+        seen: format!("a recording of {}", source.dataset),
+    })
 }
 
 /// Refuses a rate that is not expected: for [`Format::read`].

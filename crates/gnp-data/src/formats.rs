@@ -8,11 +8,11 @@ use crate::error::DataError;
 use crate::format::Format;
 
 #[cfg(feature = "readers")]
-mod findings;
+pub(crate) mod findings;
 #[cfg(feature = "readers")]
 mod highd;
 #[cfg(feature = "readers")]
-mod motion;
+pub(crate) mod motion;
 #[cfg(feature = "readers")]
 mod ngsim;
 #[cfg(feature = "readers")]
@@ -22,6 +22,12 @@ mod table;
 
 #[cfg(feature = "readers")]
 pub(crate) use self::table::gzip::head;
+
+/// Line of data row `row`, from 0, of a table of text with a header; the first line is 1.
+#[cfg(feature = "readers")]
+pub(crate) fn line_of(file: &std::path::Path, row: usize) -> Result<u64, crate::error::DataError> {
+    self::table::line_of(file, row + 1)
+}
 
 /// All of them, in the order in which they are described.
 #[cfg(feature = "readers")]

@@ -41,6 +41,9 @@ mod slot;
 mod snapshot;
 mod split;
 mod standardise;
+mod track_options;
+#[cfg(feature = "readers")]
+mod track_table;
 mod velocity;
 mod window;
 mod window_shape;
@@ -51,9 +54,11 @@ pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
 pub use crate::copies::{Copies, Fingerprint, LeftOut, Taken};
 pub use crate::dataset::{Dataset, DatasetNameError};
 pub use crate::discover::{Discovery, FoundFile, FoundFiles, NotRead, discover_with, search};
-pub use crate::error::DataError;
+pub use crate::error::{DataError, TrackProblem};
 pub use crate::explanation::{Cause, Contribution, Explanation, TermForces};
-pub use crate::format::{Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read, survey};
+pub use crate::format::{
+    Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read, read_with, survey,
+};
 pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
 pub use crate::lanes::{LaneFit, fit_lanes};
 pub use crate::leader::{Leader, NAMED_LEADER_SIZE};
@@ -69,6 +74,12 @@ pub use crate::slot::{BySlot, SLOTS, Slot};
 pub use crate::snapshot::{FILL_FROM_S, Past, Present, Snapshot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
+pub use crate::track_options::TrackOptions;
+#[cfg(feature = "readers")]
+pub use crate::track_table::{
+    DEFAULT_SIZES, LaneNumbers, MAX_TURN_DEGREES, MAX_TURN_OF_FEW_DEGREES, RowPlaces, TableVehicle, TrackLayout,
+    TrackTable, VehicleWord,
+};
 pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey};
 pub use crate::window_shape::{WindowError, WindowShape};
 pub use crate::windows::{DropCounts, RecordingDrops, WindowConfig, WindowSet};

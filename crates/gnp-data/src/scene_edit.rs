@@ -117,7 +117,8 @@ impl EditedScene {
         }
         columns.named_leader = leaders;
         let recording = Recording::from_parts(from.meta().clone(), from.roads().to_vec(), tracks, columns)?;
-        let recording = Recording { lane_order: from.lane_order.clone(), ..recording };
+        let recording =
+            Recording { lane_order: from.lane_order.clone(), ..recording }.with_vehicle_names(from.names.clone());
         Ok(Self { recording, shape, target: observation.track().vehicle, frame })
     }
 
@@ -208,7 +209,8 @@ impl EditedScene {
     fn rebuilt(&self, tracks: Vec<Track>, columns: Columns) -> Result<Self, DataError> {
         let old = &self.recording;
         let recording = Recording::from_parts(old.meta().clone(), old.roads().to_vec(), tracks, columns)?;
-        Ok(Self { recording: Recording { lane_order: old.lane_order.clone(), ..recording }, ..*self })
+        let recording = Recording { lane_order: old.lane_order.clone(), ..recording };
+        Ok(Self { recording: recording.with_vehicle_names(old.names.clone()), ..*self })
     }
 
     /// Tracks whose last row names `vehicle`, which has no track, as leader.

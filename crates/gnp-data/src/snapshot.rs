@@ -1,6 +1,7 @@
 //! All vehicles of a moment with their observed past: what is predicted where no window is cut, also vehicles whose past
 //! is short.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::live::{LiveError, check_lines};
@@ -217,6 +218,7 @@ impl Snapshot {
             frames: FrameIndex::default(),
             lane_order: None,
             without_velocity: Vec::new(),
+            names: BTreeMap::new(),
         };
         let (vehicles, places, neighbours) = (Vec::new(), Vec::new(), Neighbours::default());
         Ok(Self { recording, shape, frame: 0, vehicles, places, neighbours })

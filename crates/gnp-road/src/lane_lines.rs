@@ -66,8 +66,7 @@ pub fn check_lane_lines(lines: &[f64]) -> Result<(), LaneLinesError> {
     if !(2..=MAX_LINES).contains(&lines.len()) {
         return Err(LaneLinesError::Count(lines.len()));
     }
-    // NaN is within no bound.
-    if let Some(far) = lines.iter().find(|line| !(line.abs() <= FARTHEST)) {
+    if let Some(far) = lines.iter().find(|line| line.is_nan() || line.abs() > FARTHEST) {
         return Err(LaneLinesError::Far(*far));
     }
     match lines.windows(2).find(|pair| !WIDTH.contains(&(pair[1] - pair[0]))) {

@@ -54,7 +54,7 @@ pub mod text;
 mod traffic;
 
 pub use crate::config::{DataConfig, GoalSection, PathSection, PredictConfig, RunConfig, Setting};
-pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder};
+pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder, road_options};
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};
 pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};

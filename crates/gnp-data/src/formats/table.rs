@@ -142,22 +142,7 @@ impl Table {
 
     /// Number of the line that holds data row `row`, the first line of the file being 1.
     pub(super) fn line_of(&self, row: usize) -> Result<u64, DataError> {
-        let mut left = row + usize::from(self.has_header);
-        let mut blocks = Blocks::open(&self.file)?;
-        let mut last = 0;
-        while let Some(block) = blocks.next()? {
-            for (i, line) in block.bytes.split(|b| *b == b'\n').enumerate() {
-                if line.trim_ascii().is_empty() {
-                    continue;
-                }
-                last = block.line + i as u64;
-                if left == 0 {
-                    return Ok(last);
-                }
-                left -= 1;
-            }
-        }
-        Ok(last)
+        line_of(&self.file, row + usize::from(self.has_header))
     }
 
     /// A value that cannot be, as an error that names its line and column.
@@ -270,6 +255,25 @@ impl Values {
     pub(super) fn words(self) -> (Vec<u16>, Vec<String>) {
         if let Self::Word(codes, words) = self { (codes, words) } else { (Vec::new(), Vec::new()) }
     }
+}
+
+/// Number of the line that holds the `left`th line with anything in it, from 0; the first line of the file is 1.
+pub(super) fn line_of(file: &Path, mut left: usize) -> Result<u64, DataError> {
+    let mut blocks = Blocks::open(file)?;
+    let mut last = 0;
+    while let Some(block) = blocks.next()? {
+        for (i, line) in block.bytes.split(|b| *b == b'\n').enumerate() {
+            if line.trim_ascii().is_empty() {
+                continue;
+            }
+            last = block.line + i as u64;
+            if left == 0 {
+                return Ok(last);
+            }
+            left -= 1;
+        }
+    }
+    Ok(last)
 }
 
 /// Cuts a byte order mark and the header off the first block.

@@ -14,6 +14,7 @@ mod merged;
 mod ngsim;
 mod quality;
 mod text;
+mod tracks;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

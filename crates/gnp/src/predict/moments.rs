@@ -68,7 +68,7 @@ impl At {
             }
             Self::Times(times) => {
                 let frame = |time: &f64| {
-                    let frame = ((time - start_s(recording)) * rate_hz).round();
+                    let frame = ((time - recording.meta().start_s) * rate_hz).round();
                     (f64::from(first)..=f64::from(last)).contains(&frame).then_some(frame as u32)
                 };
                 let mut frames: Vec<u32> = times.iter().filter_map(frame).collect();
@@ -147,12 +147,13 @@ pub struct Forecasted<'a> {
 }
 
 impl Forecasted<'_> {
-    /// A sentence on what moves the vehicle; `None` without an explanation.
+    /// A sentence on what moves the vehicle, by the names of the recording; `None` without an explanation.
     #[must_use]
-    pub fn why(&self) -> Option<String> {
+    pub fn why(&self, recording: &Recording) -> Option<String> {
         let seen = &self.observation;
         let prediction = self.forecast.modes.first()?;
-        Some(Account::of(seen.vehicle(), prediction, seen.shape().dt())?.sentence())
+        let account = Account::of(seen.vehicle(), prediction, seen.shape().dt())?;
+        Some(account.named_as_in(recording).sentence())
     }
 }
 
@@ -296,10 +297,5 @@ pub(crate) fn span_s(recording: &Recording) -> [f64; 2] {
     let tracks = recording.tracks();
     let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
     let last = tracks.iter().map(|track| track.last_frame()).max().unwrap_or(0);
-    [first, last].map(|frame| start_s(recording) + f64::from(frame) / recording.meta().rate_hz)
-}
-
-/// Time of frame 0 on the clock of the tracks, s.
-pub(super) fn start_s(_recording: &Recording) -> f64 {
-    0.
+    [first, last].map(|frame| recording.meta().time_s(frame))
 }

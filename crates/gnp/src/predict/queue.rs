@@ -4,11 +4,11 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-use gnp_data::{Expectation, Past, Recording, Source, WindowKey, read};
+use gnp_data::{Past, Recording, Source, TrackOptions, WindowKey, read_with};
 use gnp_eval::{ForecastOf, ForecastWriter};
 use gnp_model::Gnp;
 
-use super::moments::{Asked, At, Unpredicted, forecasts, start_s};
+use super::moments::{Asked, At, Unpredicted, forecasts};
 use super::output::{Output, Part};
 use super::{Counts, Input, predictor};
 use crate::error::{Error, Result};
@@ -24,6 +24,7 @@ const WAITING: usize = 2;
 pub(super) struct Queue<'a> {
     pub(super) input: &'a Input,
     pub(super) output: &'a Output,
+    pub(super) tracks: &'a TrackOptions,
     pub(super) at: &'a At,
     pub(super) k: usize,
     pub(super) machine: &'a Machine,
@@ -169,8 +170,7 @@ impl<'a> Queue<'a> {
         }
         let open = OpenState { pending: 1, ..OpenState::default() };
         let open = Arc::new(Open { source, state: Mutex::new(open) });
-        let expect = Expectation { dataset: self.input.dataset, rate_hz: None };
-        for (number, (recording, _)) in read(source, &expect)?.into_iter().enumerate() {
+        for (number, (recording, _)) in read_with(source, self.input.dataset, self.tracks)?.into_iter().enumerate() {
             let asked = Asked::of(&recording, self.at, gnp.shape())?;
             let pieces = asked.pieces(&recording, PIECE);
             {
@@ -224,19 +224,18 @@ impl<'a> Queue<'a> {
     fn predict(&self, recording: &Recording, asked: &Asked, gnp: &Gnp, part: &Part) -> Result<Counts> {
         let mut writer = ForecastWriter::create(&part.path, &self.output.provenance)?;
         let mut counts = Counts::default();
-        let (start_s, rate_hz) = (start_s(recording), recording.meta().rate_hz);
         let left_out = forecasts(gnp, recording, asked, self.k, |made| {
             self.machine.stop.check()?;
             let seen = &made.observation;
             let key = WindowKey { t0: made.frame, ..seen.key() };
             let filled = made.past != Past::Full;
             let of = ForecastOf {
-                vehicle_name: &seen.vehicle().to_string(),
-                time_s: start_s + f64::from(made.frame) / rate_hz,
+                vehicle_name: &recording.vehicle_name(seen.vehicle()),
+                time_s: recording.meta().time_s(made.frame),
                 past: if filled { "filled" } else { "full" },
                 observed_s: made.observed_s,
                 origin: seen.origin(),
-                why: made.why(),
+                why: made.why(recording),
                 key: &key,
             };
             let road = seen.road();
