@@ -1,6 +1,6 @@
 //! `predict`: forecasts for tracks whose future nobody knows.
 
-mod input;
+pub(crate) mod input;
 mod job;
 mod moments;
 mod output;
