@@ -38,7 +38,12 @@ fn a_killed_prediction_goes_on_to_the_same_bytes() {
             .collect::<Vec<_>>()
     };
     let told = run(&words(&outs[0])).well();
-    assert!(told.err.contains("model: ngsim") && told.out.contains("forecasts of 3 recordings"), "{}{}", told.err, told.out);
+    assert!(
+        told.err.contains("model: ngsim") && told.out.contains("forecasts of 3 recordings"),
+        "{}{}",
+        told.err,
+        told.out
+    );
 
     let parts = place.path().join(".killed.parquet.parts");
     let mut child = program(&words(&outs[1])).stderr(std::process::Stdio::null()).spawn().unwrap();

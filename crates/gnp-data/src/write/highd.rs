@@ -74,7 +74,9 @@ impl<'a> Layout<'a> {
                 return Err(fail("it has no lane lines; give them, or write plain tracks instead".into()));
             }
             if lines.windows(2).any(|pair| pair[1].y - pair[0].y > MAX_LANE_WIDTH) {
-                return Err(fail(format!("a lane is wider than {MAX_LANE_WIDTH} m; give its lines, or write plain tracks")));
+                return Err(fail(format!(
+                    "a lane is wider than {MAX_LANE_WIDTH} m; give its lines, or write plain tracks"
+                )));
             }
             let down = |y: f32| -f64::from(y) * if side == 0 { -1. } else { 1. };
             layout.markings[side] = lines.iter().map(|line| down(line.y)).collect();
@@ -189,7 +191,10 @@ impl<'a> Layout<'a> {
         let first = self.recording.tracks().iter().map(|track| track.first_frame).min().unwrap_or(0);
         let last = self.recording.tracks().iter().map(Track::last_frame).max().unwrap_or(0);
         let site = meta.site.strip_prefix("highd-").unwrap_or(&meta.site).replace([',', '"', ';'], " ");
-        writeln!(out, "frameRate,locationId,duration,numVehicles,numCars,numTrucks,upperLaneMarkings,lowerLaneMarkings")?;
+        writeln!(
+            out,
+            "frameRate,locationId,duration,numVehicles,numCars,numTrucks,upperLaneMarkings,lowerLaneMarkings"
+        )?;
         writeln!(
             out,
             "{},{site},{:.2},{vehicles},{},{},{},{}",

@@ -29,7 +29,8 @@ pub(crate) fn write(table: &TrackTable, to: &Path) -> Result<Written, DataError>
 }
 
 /// What is lost where no file can say that it was simulated.
-pub(crate) const SIMULATED: &str = "that the traffic is simulated is not in the layout: a file named SIMULATED beside it says so";
+pub(crate) const SIMULATED: &str =
+    "that the traffic is simulated is not in the layout: a file named SIMULATED beside it says so";
 
 /// What the table says of its rows.
 struct Columns<'a> {
@@ -47,8 +48,12 @@ struct Columns<'a> {
 
 impl<'a> Columns<'a> {
     fn of(table: &'a TrackTable) -> Self {
-        let numbers: Option<Vec<i64>> =
-            table.vehicles.iter().map(|it| it.name.parse::<u32>().ok().filter(|n| n.to_string() == it.name)).map(|n| n.map(i64::from)).collect();
+        let numbers: Option<Vec<i64>> = table
+            .vehicles
+            .iter()
+            .map(|it| it.name.parse::<u32>().ok().filter(|n| n.to_string() == it.name))
+            .map(|n| n.map(i64::from))
+            .collect();
         // A column that is not known throughout is no column that a reader can use.
         let whole = |column: &'a Option<Vec<f64>>| {
             column.as_deref().filter(|column| column.iter().all(|value| value.is_finite()))

@@ -65,7 +65,8 @@ fn states(all: &[Tracks]) -> States {
         let table = tracks.table();
         for row in 0..table.len() {
             let vehicle = &table.vehicles[table.vehicle[row] as usize];
-            let (class, size) = (vehicle.class.unwrap(), [vehicle.length, vehicle.width].map(Option::unwrap_or_default));
+            let (class, size) =
+                (vehicle.class.unwrap(), [vehicle.length, vehicle.width].map(Option::unwrap_or_default));
             let key = (vehicle.name.clone(), (table.time_s[row] * 1e3).round() as i64);
             assert!(states.insert(key, ([table.x[row], table.y[row]], class, size)).is_none(), "a row stands twice");
         }
@@ -152,21 +153,27 @@ fn embedded(file: &str, dataset: Dataset) -> Recording {
 }
 
 fn assert_same_recording(after: &Recording, before: &Recording, what: &str) {
-    let ids = |it: &Recording| it.tracks().iter().map(|t| (t.vehicle, t.first_frame, t.rows.clone(), t.class)).collect::<Vec<_>>();
+    let ids = |it: &Recording| {
+        it.tracks().iter().map(|t| (t.vehicle, t.first_frame, t.rows.clone(), t.class)).collect::<Vec<_>>()
+    };
     assert_eq!(ids(after), ids(before), "{what}");
     for row in 0..before.len() {
         let (a, b) = (after.state(row), before.state(row));
         assert!((a.x - b.x).abs() < 0.01 && (a.y - b.y).abs() < 0.01, "{what}: row {row}: {a:?}, {b:?}");
     }
     let sizes = after.tracks().iter().zip(before.tracks());
-    assert!(sizes.into_iter().all(|(a, b)| (a.length - b.length).abs() < 0.01 && (a.width - b.width).abs() < 0.01), "{what}");
+    assert!(
+        sizes.into_iter().all(|(a, b)| (a.length - b.length).abs() < 0.01 && (a.width - b.width).abs() < 0.01),
+        "{what}"
+    );
 }
 
 #[test]
 fn layouts_along_a_road_are_written_as_they_are_read() {
     let folder = tempdir().unwrap();
     let options = TrackOptions::default();
-    let (ngsim, highd) = (embedded("ngsim/us101-13_1.csv.gz", Dataset::NGSIM), embedded("highd/03_tracks.csv.gz", Dataset::HIGHD));
+    let (ngsim, highd) =
+        (embedded("ngsim/us101-13_1.csv.gz", Dataset::NGSIM), embedded("highd/03_tracks.csv.gz", Dataset::HIGHD));
     for name in ["b.csv", "b.txt", "b.csv.gz"] {
         let place = folder.path().join(name.replace('.', "-")).join(name);
         write(&Tracks::Recording(ngsim.clone()), Dataset::NGSIM, &place, &options).unwrap();
@@ -183,7 +190,10 @@ fn layouts_along_a_road_are_written_as_they_are_read() {
     assert_same_recording(after, &highd, "highD");
     assert_eq!(after.columns().neighbours, highd.columns().neighbours);
     for (a, b) in after.roads().iter().zip(highd.roads()) {
-        assert!(a.lines.iter().zip(&b.lines).all(|(a, b)| (a.y - b.y).abs() < 1e-3 && a.kind == b.kind), "{a:?}, {b:?}");
+        assert!(
+            a.lines.iter().zip(&b.lines).all(|(a, b)| (a.y - b.y).abs() < 1e-3 && a.kind == b.kind),
+            "{a:?}, {b:?}"
+        );
     }
 }
 
@@ -193,8 +203,18 @@ fn a_road_and_plain_tracks_of_it_are_one() {
     let along_y = ReferenceLine::straight([0.; 2], std::f64::consts::FRAC_PI_2);
     for (dataset, before, road, plane) in [
         (Dataset::NGSIM, embedded("ngsim/us101-13_1.csv.gz", Dataset::NGSIM), along_y, Dataset::TRACKS),
-        (Dataset::HIGHD, embedded("highd/03_tracks.csv.gz", Dataset::HIGHD), ReferenceLine::straight([0.; 2], 0.), Dataset::TRACKS),
-        (Dataset::HIGHD, embedded("highd/03_tracks.csv.gz", Dataset::HIGHD), ReferenceLine::straight([0.; 2], 0.), Dataset::SUMO),
+        (
+            Dataset::HIGHD,
+            embedded("highd/03_tracks.csv.gz", Dataset::HIGHD),
+            ReferenceLine::straight([0.; 2], 0.),
+            Dataset::TRACKS,
+        ),
+        (
+            Dataset::HIGHD,
+            embedded("highd/03_tracks.csv.gz", Dataset::HIGHD),
+            ReferenceLine::straight([0.; 2], 0.),
+            Dataset::SUMO,
+        ),
     ] {
         let folder = folder.path().join(format!("{dataset}-{plane}"));
         let options = TrackOptions { road: Some(road), ..TrackOptions::default() };

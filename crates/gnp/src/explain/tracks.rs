@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gnp_data::{Dataset, Predictor as _, Recording, Snapshot, TrackOptions, read_with};
+use gnp_data::{Dataset, Predictor as _, Recording, Snapshot, TrackOptions, WindowShape, read_with};
 use gnp_plot::Source as Words;
 
 use super::find::{self, leader_part};
@@ -10,7 +10,7 @@ use super::{Change, Explained, Moment, Told, tell};
 use crate::error::{Result, bail};
 use crate::machine::Machine;
 use crate::model::Model;
-use crate::predict::{At, Input};
+use crate::predict::{Asked, At, Input};
 
 /// Which vehicle of which tracks, when, by which model, and what is changed.
 #[derive(Clone, Debug, Default)]
@@ -44,10 +44,10 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
     let input = Input::find(&question.input, question.format)?;
     input.notes.iter().for_each(|note| machine.progress.note(note));
     let recording = recording(question, &input, machine)?;
-    let frame = frame(question, &recording)?;
     let Some(shape) = model.gnp().shape().at_rate(recording.meta().rate_hz) else {
         return Err(crate::predict::wrong_rate(&recording, model.gnp().shape()));
     };
+    let frame = frame(question, &recording, model.gnp().shape())?;
     let snapshot = Snapshot::of(&recording, frame, shape).map_err(gnp_data::DataError::from)?;
     let gnp = model.gnp().clone().explaining(true);
     let asked_for = asked_for(question, &recording);
@@ -126,12 +126,12 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
 }
 
 /// The frame that is asked for.
-fn frame(question: &TracksQuestion, recording: &Recording) -> Result<u32> {
+fn frame(question: &TracksQuestion, recording: &Recording, shape: WindowShape) -> Result<u32> {
     let asked_for = asked_for(question, recording);
     let asked = recording.tracks().iter().filter(|track| asked_for.is_none_or(|asked| asked == Some(track.vehicle)));
     let last = asked.map(|track| track.last_frame()).max().unwrap_or(0);
     let Some(at_s) = question.at_s else { return Ok(last) };
-    match At::Times(vec![at_s]).frames(recording).0.first() {
+    match Asked::of(recording, &At::Times(vec![at_s]), shape)?.frames().first() {
         Some(frame) => Ok(*frame),
         None => {
             let [from, to] = crate::predict::span_s(recording);
