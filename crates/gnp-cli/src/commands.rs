@@ -10,16 +10,16 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    CompareRequest, Conversion, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _, RealismPlan,
-    Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory, score_predictions,
-    score_recordings,
+    CompareRequest, Conversion, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _,
+    RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory,
+    score_predictions, score_recordings,
 };
 use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, CompareArgs, ConvertArgs, EvaluateArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs, ReplayArgs,
-    ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
+    Command, CompareArgs, ConvertArgs, EvaluateArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs,
+    ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
 use crate::planned::{plan, resolve};
 use crate::processes;

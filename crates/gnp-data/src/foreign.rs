@@ -73,13 +73,12 @@ const MARKUP: [(&[u8], &[u8], &str, &str); 9] = [
 ];
 
 /// Tables of other datasets by columns that all must be there, in lower case.
-const TABLES: [(&[&str], &str, &str); 10] = [
+const TABLES: [(&[&str], &str, &str); 9] = [
     (&["trackid", "xcenter", "laneletid"], "a table of exiD, which has ramps and curved roads", OTHER_ROADS),
     (&["trackid", "xcenter", "heading"], "a table of inD, rounD, uniD or exiD, which have curved roads", OTHER_ROADS),
     (&["trackid", "initialframe", "finalframe"], "a tracksMeta table of inD, rounD, uniD or exiD", OTHER_ROADS),
     (&["locationid", "xutmorigin", "orthopxtometer"], "a recordingMeta table of inD, rounD, uniD or exiD", OTHER_ROADS),
     (&["track_id", "type", "traveled_d"], "a table of pNEUMA, which is of streets with junctions", OTHER_ROADS),
-    (&["timestep_time", "vehicle_id", "vehicle_x"], "floating car data (FCD) of SUMO", SUMO),
     (&["timestamp", "track_id", "object_type", "city_name"], "a table of Argoverse, which is of streets", OTHER_ROADS),
     (&["track_id", "frame_id", "timestamp_ms", "agent_type"], "a table of INTERACTION", OTHER_ROADS),
     (&["road_segment_ids", "x_position", "y_position"], "a table of I-24 MOTION", OTHER_LAYOUT),

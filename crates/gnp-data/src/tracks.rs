@@ -67,7 +67,11 @@ impl Tracks {
     ///
     /// # Errors
     /// As [`Format::read`] and [`TrackFile::tables`].
-    pub fn of(format: &dyn Format, source: &Source, options: &TrackOptions) -> Result<Vec<(Self, Option<IngestReport>)>, DataError> {
+    pub fn of(
+        format: &dyn Format,
+        source: &Source,
+        options: &TrackOptions,
+    ) -> Result<Vec<(Self, Option<IngestReport>)>, DataError> {
         if let Some(file) = format.track_file(source)? {
             return Ok(vec![(Self::Table(whole(&*file, source)?), None)]);
         }
@@ -122,7 +126,8 @@ type LeftOut = BTreeMap<String, u64>;
 
 fn left_out(report: &IngestReport) -> LeftOut {
     let rows = report.skipped_rows.iter().map(|(why, count)| (format!("rows are left out: {why}"), *count));
-    let vehicles = report.vehicles_left_out.iter().map(|(why, count)| (format!("vehicles are left out that {why}"), *count));
+    let vehicles =
+        report.vehicles_left_out.iter().map(|(why, count)| (format!("vehicles are left out that {why}"), *count));
     let repeated = report.duplicates + report.conflicts;
     let repeats = (repeated > 0).then(|| ("rows are left out that repeat a vehicle and moment".to_owned(), repeated));
     rows.chain(vehicles).chain(repeats).collect()

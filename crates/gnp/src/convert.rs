@@ -156,7 +156,8 @@ fn said(tracks: &Tracks, report: Option<&IngestReport>) -> Vec<String> {
         }
         (_, Some(report)) => {
             let repeated = report.duplicates + report.conflicts;
-            let repeats = (repeated > 0).then(|| format!("{name}: {repeated} rows are left out that repeat a vehicle and frame"));
+            let repeats =
+                (repeated > 0).then(|| format!("{name}: {repeated} rows are left out that repeat a vehicle and frame"));
             let vehicles = report.vehicles_left_out.iter();
             let vehicles = vehicles.map(|(why, count)| format!("{name}: {count} vehicles are left out that {why}"));
             let notes = report.notes.iter().map(|note| format!("{name}: {note}"));

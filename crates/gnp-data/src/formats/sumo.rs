@@ -37,7 +37,11 @@ const READ: [Column; 8] = [
     Column::new("vehicle_y", "m", "middle of the front bumper, to the north"),
     Column::new("vehicle_angle", "degrees", "direction of the vehicle, clockwise from north"),
     Column::new("vehicle_speed", "m/s", "speed, where the file has it"),
-    Column::new("vehicle_type", "-", "type: its vType, where a file beside has it, tells class and size; else its name does"),
+    Column::new(
+        "vehicle_type",
+        "-",
+        "type: its vType, where a file beside has it, tells class and size; else its name does",
+    ),
     Column::new("vehicle_lane", "-", "EDGE_INDEX, 0 the rightmost, where the file has it"),
 ];
 
@@ -201,7 +205,17 @@ impl Fcd {
         })?;
         degrees.check(&file)?;
         let (site, name) = (source.site.clone().unwrap_or_else(|| "sumo".to_owned()), source.name.clone());
-        Ok(Self { file, layout, edges, speeds, types, site, name, simulated: source.simulated, notes: source.notes.clone() })
+        Ok(Self {
+            file,
+            layout,
+            edges,
+            speeds,
+            types,
+            site,
+            name,
+            simulated: source.simulated,
+            notes: source.notes.clone(),
+        })
     }
 
     /// Lane of a vehicle, 1 the leftmost of its edge; 0 unknown.
@@ -256,7 +270,16 @@ impl<'a> Part<'a> {
         let mut table = TrackTable::new(Dataset::SUMO, &fcd.site, &fcd.name);
         table.simulated = fcd.simulated;
         let (known, guessed) = (HashMap::new(), BTreeMap::new());
-        Self { fcd, table, known, numbers: Vec::new(), speed: Vec::new(), heading: Vec::new(), lane: Vec::new(), guessed }
+        Self {
+            fcd,
+            table,
+            known,
+            numbers: Vec::new(),
+            speed: Vec::new(),
+            heading: Vec::new(),
+            lane: Vec::new(),
+            guessed,
+        }
     }
 
     fn add(&mut self, it: &Vehicle<'_>) {

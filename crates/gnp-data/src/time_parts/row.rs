@@ -101,8 +101,12 @@ impl Rows<'_> {
         table.places = match &like.places {
             RowPlaces::Program => RowPlaces::Program,
             RowPlaces::Rows { file, .. } => RowPlaces::Numbers { file: file.clone(), what: "row", numbers: numbers() },
-            RowPlaces::Lines { file, .. } => RowPlaces::Numbers { file: file.clone(), what: "data row", numbers: numbers() },
-            RowPlaces::Numbers { file, what, .. } => RowPlaces::Numbers { file: file.clone(), what, numbers: numbers() },
+            RowPlaces::Lines { file, .. } => {
+                RowPlaces::Numbers { file: file.clone(), what: "data row", numbers: numbers() }
+            }
+            RowPlaces::Numbers { file, what, .. } => {
+                RowPlaces::Numbers { file: file.clone(), what, numbers: numbers() }
+            }
         };
         table
     }

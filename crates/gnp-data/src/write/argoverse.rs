@@ -43,7 +43,10 @@ pub(crate) fn write(table: &TrackTable, to: &Path) -> Result<Written, DataError>
         written.rows += scenario.rows.len() as u64;
         written.files.push(file);
     }
-    written.lose("lengths and widths are not in the layout, of vehicles", table.vehicles.iter().filter(|it| it.length.is_some()).count());
+    written.lose(
+        "lengths and widths are not in the layout, of vehicles",
+        table.vehicles.iter().filter(|it| it.length.is_some()).count(),
+    );
     written.lose("lane numbers are not in the layout, of rows", table.lane.as_ref().map_or(0, Vec::len));
     let trucks = table.vehicles.iter().filter(|it| it.class == Some(VehicleClass::Truck)).count();
     written.lose("trucks are not in the layout: they become buses", trucks);

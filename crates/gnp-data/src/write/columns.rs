@@ -22,11 +22,7 @@ pub(super) enum Cells<'a> {
 }
 
 /// Writes `rows` rows of columns with their names.
-pub(super) fn write_columns(
-    out: impl Write + Send,
-    rows: usize,
-    columns: &[(&str, Cells<'_>)],
-) -> io::Result<()> {
+pub(super) fn write_columns(out: impl Write + Send, rows: usize, columns: &[(&str, Cells<'_>)]) -> io::Result<()> {
     write(out, rows, columns).map_err(|error| match error {
         ParquetError::External(source) => match source.downcast::<io::Error>() {
             Ok(error) => *error,

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::path::Path;
 
-use crate::recording::VehicleClass;
 use super::{Written, to_file};
 use crate::error::DataError;
+use crate::recording::VehicleClass;
 use crate::track_table::{DEFAULT_SIZES, LaneNumbers, TableVehicle, TrackTable};
 
 /// Says in the file that its tracks were recorded, while all others of the layout were simulated.
@@ -25,7 +25,10 @@ pub(crate) fn write(table: &TrackTable, to: &Path) -> Result<Written, DataError>
     let (rows, vehicles) = (table.len() as u64, table.vehicles.len() as u64);
     let mut written = Written { files: vec![to.to_owned(), types], rows, vehicles, ..Written::default() };
     let unknown = |of: fn(&TableVehicle) -> bool| table.vehicles.iter().filter(|it| of(it)).count();
-    written.lose("vehicles without a length or width get those of their class", unknown(|it| it.length.is_none() || it.width.is_none()));
+    written.lose(
+        "vehicles without a length or width get those of their class",
+        unknown(|it| it.length.is_none() || it.width.is_none()),
+    );
     written.lose("vehicles without a class become cars", unknown(|it| it.class.is_none()));
     if table.velocity.is_none() && table.speed.is_none() {
         written.lose("rows without a speed get that of the way from the row before", table.len());
@@ -89,7 +92,8 @@ pub fn write_fcd(table: &TrackTable, out: &mut dyn Write) -> io::Result<()> {
 /// When `out` cannot be written.
 pub fn write_fcd_types(table: &TrackTable, out: &mut dyn Write) -> io::Result<()> {
     let export = Export::of(table);
-    let types: BTreeSet<(&str, usize)> = export.types.iter().enumerate().map(|(i, (name, _))| (name.as_str(), i)).collect();
+    let types: BTreeSet<(&str, usize)> =
+        export.types.iter().enumerate().map(|(i, (name, _))| (name.as_str(), i)).collect();
     let mut written = BTreeSet::new();
     writeln!(out, "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<additional>")?;
     for (name, vehicle) in types {
@@ -117,7 +121,8 @@ impl<'a> Export<'a> {
         let (speed, heading) = motion(table, &rows);
         let size = |it: &TableVehicle| {
             let class = it.class.unwrap_or(VehicleClass::Car);
-            let [length, width] = DEFAULT_SIZES.iter().find(|(of, _)| *of == class).map_or([4.5, 1.8], |(_, size)| *size);
+            let [length, width] =
+                DEFAULT_SIZES.iter().find(|(of, _)| *of == class).map_or([4.5, 1.8], |(_, size)| *size);
             (class, [it.length.unwrap_or(length), it.width.unwrap_or(width)].map(f64::from))
         };
         let of_vehicles: Vec<(VehicleClass, [f64; 2])> = table.vehicles.iter().map(size).collect();
@@ -269,4 +274,3 @@ fn escape(text: &str) -> String {
     }
     escaped
 }
-

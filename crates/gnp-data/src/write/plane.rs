@@ -57,7 +57,8 @@ impl TrackTable {
         let mut table = Self::new(meta.dataset, &meta.site, &meta.name);
         table.simulated = meta.simulated;
         let recorded = meta.velocities == VelocitySource::Recorded;
-        let (mut velocity, mut heading) = ([Vec::with_capacity(rows), Vec::with_capacity(rows)], Vec::with_capacity(rows));
+        let (mut velocity, mut heading) =
+            ([Vec::with_capacity(rows), Vec::with_capacity(rows)], Vec::with_capacity(rows));
         let mut lane = Vec::with_capacity(rows);
         let mut last = None;
         for (index, track) in recording.tracks().iter().enumerate() {

@@ -14,8 +14,12 @@ use crate::fixtures;
 
 /// Tracks of two vehicles that turn, one with a gap, and of one that goes the other way, for 15 s at 10 Hz.
 fn made() -> TrackTable {
+    named("a b <&> ü")
+}
+
+fn named(first: &str) -> TrackTable {
     let mut table = TrackTable::new(Dataset::TRACKS, "somewhere", "made");
-    let names = ["a, \"b\" <&> ü", "7", "x"];
+    let names = [first, "7", "x"];
     let classes = [VehicleClass::Car, VehicleClass::Truck, VehicleClass::Motorcycle];
     let sizes = [[4.41, 1.83], [16.5, 2.55], [2.2, 0.85]];
     for ((name, class), [length, width]) in names.into_iter().zip(classes).zip(sizes) {
@@ -65,7 +69,8 @@ fn states(all: &[Tracks]) -> States {
         let table = tracks.table();
         for row in 0..table.len() {
             let vehicle = &table.vehicles[table.vehicle[row] as usize];
-            let (class, size) = (vehicle.class.unwrap(), [vehicle.length, vehicle.width].map(Option::unwrap_or_default));
+            let (class, size) =
+                (vehicle.class.unwrap(), [vehicle.length, vehicle.width].map(Option::unwrap_or_default));
             let key = (vehicle.name.clone(), (table.time_s[row] * 1e3).round() as i64);
             assert!(states.insert(key, ([table.x[row], table.y[row]], class, size)).is_none(), "a row stands twice");
         }
@@ -75,7 +80,8 @@ fn states(all: &[Tracks]) -> States {
 
 /// Whether all vehicles are where and what they were, to 1 cm.
 fn assert_same(after: &States, before: &States, what: &str) {
-    assert_eq!(after.keys().collect::<Vec<_>>(), before.keys().collect::<Vec<_>>(), "{what}");
+    let other = after.keys().zip(before.keys()).find(|(a, b)| a != b);
+    assert!(other.is_none() && after.len() == before.len(), "{what}: {other:?}, {} of {}", after.len(), before.len());
     for (key, (position, class, size)) in after {
         let (there, kind, box_) = before[key];
         let off = (position[0] - there[0]).hypot(position[1] - there[1]);
@@ -152,21 +158,28 @@ fn embedded(file: &str, dataset: Dataset) -> Recording {
 }
 
 fn assert_same_recording(after: &Recording, before: &Recording, what: &str) {
-    let ids = |it: &Recording| it.tracks().iter().map(|t| (t.vehicle, t.first_frame, t.rows.clone(), t.class)).collect::<Vec<_>>();
-    assert_eq!(ids(after), ids(before), "{what}");
+    let ids = |it: &Recording| {
+        it.tracks().iter().map(|t| (t.vehicle, t.first_frame, t.rows.clone(), t.class)).collect::<Vec<_>>()
+    };
+    let other = ids(after).into_iter().zip(ids(before)).find(|(a, b)| a != b);
+    assert!(other.is_none() && after.tracks().len() == before.tracks().len(), "{what}: {other:?}");
     for row in 0..before.len() {
         let (a, b) = (after.state(row), before.state(row));
         assert!((a.x - b.x).abs() < 0.01 && (a.y - b.y).abs() < 0.01, "{what}: row {row}: {a:?}, {b:?}");
     }
     let sizes = after.tracks().iter().zip(before.tracks());
-    assert!(sizes.into_iter().all(|(a, b)| (a.length - b.length).abs() < 0.01 && (a.width - b.width).abs() < 0.01), "{what}");
+    assert!(
+        sizes.into_iter().all(|(a, b)| (a.length - b.length).abs() < 0.01 && (a.width - b.width).abs() < 0.01),
+        "{what}"
+    );
 }
 
 #[test]
 fn layouts_along_a_road_are_written_as_they_are_read() {
     let folder = tempdir().unwrap();
     let options = TrackOptions::default();
-    let (ngsim, highd) = (embedded("ngsim/us101-13_1.csv.gz", Dataset::NGSIM), embedded("highd/03_tracks.csv.gz", Dataset::HIGHD));
+    let (ngsim, highd) =
+        (embedded("ngsim/us101-13_1.csv.gz", Dataset::NGSIM), embedded("highd/03_tracks.csv.gz", Dataset::HIGHD));
     for name in ["b.csv", "b.txt", "b.csv.gz"] {
         let place = folder.path().join(name.replace('.', "-")).join(name);
         write(&Tracks::Recording(ngsim.clone()), Dataset::NGSIM, &place, &options).unwrap();
@@ -183,7 +196,10 @@ fn layouts_along_a_road_are_written_as_they_are_read() {
     assert_same_recording(after, &highd, "highD");
     assert_eq!(after.columns().neighbours, highd.columns().neighbours);
     for (a, b) in after.roads().iter().zip(highd.roads()) {
-        assert!(a.lines.iter().zip(&b.lines).all(|(a, b)| (a.y - b.y).abs() < 1e-3 && a.kind == b.kind), "{a:?}, {b:?}");
+        assert!(
+            a.lines.iter().zip(&b.lines).all(|(a, b)| (a.y - b.y).abs() < 1e-3 && a.kind == b.kind),
+            "{a:?}, {b:?}"
+        );
     }
 }
 
@@ -193,8 +209,18 @@ fn a_road_and_plain_tracks_of_it_are_one() {
     let along_y = ReferenceLine::straight([0.; 2], std::f64::consts::FRAC_PI_2);
     for (dataset, before, road, plane) in [
         (Dataset::NGSIM, embedded("ngsim/us101-13_1.csv.gz", Dataset::NGSIM), along_y, Dataset::TRACKS),
-        (Dataset::HIGHD, embedded("highd/03_tracks.csv.gz", Dataset::HIGHD), ReferenceLine::straight([0.; 2], 0.), Dataset::TRACKS),
-        (Dataset::HIGHD, embedded("highd/03_tracks.csv.gz", Dataset::HIGHD), ReferenceLine::straight([0.; 2], 0.), Dataset::SUMO),
+        (
+            Dataset::HIGHD,
+            embedded("highd/03_tracks.csv.gz", Dataset::HIGHD),
+            ReferenceLine::straight([0.; 2], 0.),
+            Dataset::TRACKS,
+        ),
+        (
+            Dataset::HIGHD,
+            embedded("highd/03_tracks.csv.gz", Dataset::HIGHD),
+            ReferenceLine::straight([0.; 2], 0.),
+            Dataset::SUMO,
+        ),
     ] {
         let folder = folder.path().join(format!("{dataset}-{plane}"));
         let options = TrackOptions { road: Some(road), ..TrackOptions::default() };
@@ -221,6 +247,20 @@ fn what_a_layout_does_not_take_or_hold_is_said() {
     assert!(!folder.path().join("a.csv").exists());
     let table = write(&highd, Dataset::TRACKS, &folder.path().join("a.csv"), &options).unwrap();
     assert!(table.lost.keys().any(|what| what.contains("SIMULATED")), "{:?}", table.lost);
+    // A table of text has no quotes, Parquet and XML have.
+    let quoted = Tracks::Table(named("a, \"b\""));
+    let written = write(&quoted, Dataset::TRACKS, &folder.path().join("q.csv"), &options).unwrap();
+    assert!(written.lost.iter().any(|(what, n)| what.contains("commas") && *n == 1), "{:?}", written.lost);
+    for (dataset, name) in [(Dataset::TRACKS, "q.parquet"), (Dataset::SUMO, "q.xml")] {
+        let place = folder.path().join("q").join(name);
+        write(&quoted, dataset, &place, &options).unwrap();
+        assert_eq!(read(&place, dataset)[0].table().vehicles[0].name, "a, \"b\"", "{name}");
+    }
+    let twins = Tracks::Table(named("7,"));
+    assert!(matches!(
+        write(&twins, Dataset::TRACKS, &folder.path().join("t.csv"), &options),
+        Err(DataError::Unwritable { .. })
+    ));
     // On a bend there is no road for a layout along one.
     let error = write(&Tracks::Table(made()), Dataset::HIGHD, &folder.path().join("b"), &options).unwrap_err();
     assert!(matches!(error, DataError::Tracks { .. }), "{error}");

@@ -34,7 +34,8 @@ fn read(place: &Path, dataset: Dataset, max_rows: usize) -> (All, usize, Vec<f32
     let read = format.read_parts(&source, &TrackOptions::default(), &size, &mut |part| {
         parts += 1;
         let recording = &part.recording;
-        let of_part: Vec<f32> = recording.roads().iter().flat_map(|road| road.lines.iter().map(|line| line.y)).collect();
+        let of_part: Vec<f32> =
+            recording.roads().iter().flat_map(|road| road.lines.iter().map(|line| line.y)).collect();
         assert_eq!(lines.get_or_insert_with(|| of_part.clone()), &of_part, "all parts have one road");
         for (index, track) in recording.tracks().iter().enumerate() {
             for frame in track.first_frame..=track.last_frame() {
@@ -46,8 +47,10 @@ fn read(place: &Path, dataset: Dataset, max_rows: usize) -> (All, usize, Vec<f32
                 let before = (0..=frames).rev().filter_map(|back| track.row_at(frame.checked_sub(back)?));
                 let c = recording.columns();
                 // Of the velocity at the frame itself the next row would tell.
-                let past = before.map(|i| if i == row { [c.x[i], c.y[i], 0., 0.] } else { [c.x[i], c.y[i], c.vx[i], c.vy[i]] });
-                let neighbours = Slot::ALL.map(|slot| Some(recording.tracks()[recording.neighbour(row, slot)?].vehicle));
+                let past = before
+                    .map(|i| if i == row { [c.x[i], c.y[i], 0., 0.] } else { [c.x[i], c.y[i], c.vx[i], c.vy[i]] });
+                let neighbours =
+                    Slot::ALL.map(|slot| Some(recording.tracks()[recording.neighbour(row, slot)?].vehicle));
                 let seen = Seen {
                     name: recording.vehicle_name(track.vehicle).into_owned(),
                     past: past.collect(),
@@ -140,7 +143,8 @@ fn reading_ends_where_the_caller_says() {
     let folder = tempdir().unwrap();
     for (name, text) in [("by-vehicle.csv", csv(&rows())), ("by-time.csv", csv(&by_time()))] {
         let place = put(folder.path(), name, &text);
-        let (format, source) = (format_of(Dataset::TRACKS).unwrap(), discover(&place, Dataset::TRACKS).unwrap().remove(0));
+        let (format, source) =
+            (format_of(Dataset::TRACKS).unwrap(), discover(&place, Dataset::TRACKS).unwrap().remove(0));
         let mut parts = 0;
         let read = format.read_parts(&source, &TrackOptions::default(), &PartSize::new(1500, PAST_S), &mut |_| {
             parts += 1;
@@ -150,7 +154,8 @@ fn reading_ends_where_the_caller_says() {
         assert_eq!(parts, 2, "{name}");
         let mut nowhere = PartSize::new(1500, PAST_S);
         nowhere.spool = Some(folder.path().join("nowhere"));
-        let spooled = format.read_parts(&source, &TrackOptions::default(), &nowhere, &mut |_| ControlFlow::Continue(()));
+        let spooled =
+            format.read_parts(&source, &TrackOptions::default(), &nowhere, &mut |_| ControlFlow::Continue(()));
         assert_eq!(matches!(spooled, Err(DataError::Io { .. })), name == "by-vehicle.csv", "{name}");
     }
     let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|it| it.unwrap().file_name()).collect();

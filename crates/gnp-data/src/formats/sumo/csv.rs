@@ -115,7 +115,8 @@ impl Line<'_> {
         let [now, id, x, y, angle, speed, kind, lane] = values;
         if id.is_empty() {
             // A time step without vehicles, or a person in it.
-            other.persons += u64::from(split(text, self.layout.separator).filter(|field| !field.is_empty()).count() > 1);
+            other.persons +=
+                u64::from(split(text, self.layout.separator).filter(|field| !field.is_empty()).count() > 1);
             return Ok(true);
         }
         let real = |column: usize, text: &str| {

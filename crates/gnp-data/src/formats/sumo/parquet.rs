@@ -75,7 +75,8 @@ pub(super) fn vehicles(
                 let value = values.as_ref().and_then(|values| values.get(row)).copied().unwrap_or(f64::NAN);
                 if value.is_finite() { Ok(value) } else { Err(missing(file, place, column)) }
             };
-            let word = |column: usize| texts[column].as_ref().and_then(|words| words.get(row)).copied().unwrap_or_default();
+            let word =
+                |column: usize| texts[column].as_ref().and_then(|words| words.get(row)).copied().unwrap_or_default();
             let time_s = times.get(row).copied().filter(|time| time.is_finite());
             let go_on = take(&Vehicle {
                 place,
@@ -97,8 +98,5 @@ pub(super) fn vehicles(
 }
 
 fn missing(file: &Path, row: u64, column: usize) -> DataError {
-    DataError::Table {
-        file: file.into(),
-        reason: format!("row {row} has no number in column `{}`", COLUMNS[column].0),
-    }
+    DataError::Table { file: file.into(), reason: format!("row {row} has no number in column `{}`", COLUMNS[column].0) }
 }

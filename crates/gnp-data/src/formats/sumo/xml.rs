@@ -62,8 +62,9 @@ impl<'a> Elements<'a> {
         mut take: impl FnMut(&Element<'_>) -> Result<bool, DataError>,
     ) -> Result<(), DataError> {
         let (mut buffer, mut depth, mut line) = (Vec::new(), 0usize, 1);
-        let broken = |line: u64, error: &dyn std::fmt::Display| {
-            DataError::Table { file: self.file.into(), reason: format!("line {line}: {error}") }
+        let broken = |line: u64, error: &dyn std::fmt::Display| DataError::Table {
+            file: self.file.into(),
+            reason: format!("line {line}: {error}"),
         };
         loop {
             buffer.clear();
@@ -180,21 +181,17 @@ pub(super) fn vehicles(
             let text = text.ok_or_else(|| element.bad("time", "", "is missing from a time step"))?;
             now = Some(time(&text).ok_or_else(|| element.bad("time", &text, "is not a time; write the file anew"))?);
         } else if element.is("vehicle") {
-            let time_s = now.ok_or_else(|| element.bad("time", "", "is missing: a vehicle stands before all time steps"))?;
+            let time_s =
+                now.ok_or_else(|| element.bad("time", "", "is missing: a vehicle stands before all time steps"))?;
             let names = ["id", "x", "y", "angle", "speed", "type", "lane"];
             let [id, x, y, angle, speed, kind, lane] = element.attributes(names)?;
             let missing = |name: &str| element.bad(name, "", "is missing; add it to SUMO's --fcd-output.attributes");
-            let number = |name: &str, text: Option<String>| {
-                text.map(|text| element.number(name, &text)).transpose()
-            };
+            let number = |name: &str, text: Option<String>| text.map(|text| element.number(name, &text)).transpose();
             return take(&Vehicle {
                 place: element.line,
                 time_s,
                 id: &id.filter(|id| !id.is_empty()).ok_or_else(|| missing("id"))?,
-                front: [
-                    number("x", x)?.ok_or_else(|| missing("x"))?,
-                    number("y", y)?.ok_or_else(|| missing("y"))?,
-                ],
+                front: [number("x", x)?.ok_or_else(|| missing("x"))?, number("y", y)?.ok_or_else(|| missing("y"))?],
                 angle: number("angle", angle)?.ok_or_else(|| missing("angle"))?,
                 speed: number("speed", speed)?,
                 kind: kind.as_deref().unwrap_or_default(),
