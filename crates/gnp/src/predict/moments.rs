@@ -224,12 +224,6 @@ impl Asked {
         &self.left_out
     }
 
-    /// Vehicles at the moments, those among them that will have no forecast.
-    #[must_use]
-    pub fn vehicles(&self, recording: &Recording) -> usize {
-        self.frames.iter().map(|frame| recording.present(*frame).len()).sum()
-    }
-
     /// The frames in pieces of at least `vehicles` vehicles each, but for the last one.
     pub(super) fn pieces(&self, recording: &Recording, vehicles: usize) -> Vec<Self> {
         let mut pieces = Vec::new();
