@@ -1,5 +1,7 @@
 //! What each command does.
 
+mod model;
+
 use std::io::{self, Write as _};
 use std::path::Path;
 use std::sync::Arc;
@@ -8,18 +10,17 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Change, CompareRequest, DriveOn, ExportRequest, Machine, Measured, Plan, PredictionsOn, PreparedTable,
-    Progress as _, Question, RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation,
-    Stage, memory, score_predictions, score_recordings,
+    CompareRequest, Conversion, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _,
+    RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory,
+    score_predictions, score_recordings,
 };
 use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, CompareArgs, EvaluateArgs, ExplainArgs, ExportArgs, FigureArgs, InfoArgs, IngestArgs, MeasureArgs,
-    PipelineArgs, RealismArgs, ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
+    Command, CompareArgs, ConvertArgs, EvaluateArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs,
+    ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
-use crate::names::Place;
 use crate::planned::{plan, resolve};
 use crate::processes;
 use crate::program::Program;
@@ -41,12 +42,14 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
             Ok(gnp::ablate(&table(args, "table2", program)?.0, &crate::machine(&args.machine, program)?)?)
         }
         Command::Figures(args) => figures(args, program),
-        Command::Export(args) => export(args, program),
-        Command::Info(args) => info(args, program),
-        Command::Explain(args) => explain(args, program),
+        Command::Predict(args) => model::predict(args, program),
+        Command::Export(args) => model::export(args, program),
+        Command::Info(args) => model::info(args, program),
+        Command::Explain(args) => model::explain(args, program),
         Command::Simulate(args) => simulate(args, program),
         Command::Measure(args) => measure(args, program),
         Command::Realism(args) => realism(args, program),
+        Command::Convert(args) => convert(args, program),
         Command::Report(args) => report(args, program),
         Command::Replay(args) => replay(args, program),
     }
@@ -73,7 +76,9 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
         Command::Compare(_) => Some(format!("gnp compare --resume --out {folder}")),
         Command::Ablate(args) => ablate(args),
         // Done again from the start, which takes seconds.
-        Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) => None,
+        Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) | Command::Convert(_) => None,
+        Command::Predict(args) => Some(model::again(args)),
+        Command::Explain(_) => None,
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
     }
 }
@@ -401,58 +406,27 @@ fn measure(args: &MeasureArgs, program: &Program) -> Result<()> {
     Ok(())
 }
 
+fn convert(args: &ConvertArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let mut conversion = Conversion::new(&args.input, args.to, &args.output);
+    conversion.from = args.from;
+    let (road, lines) = args.road.parts()?;
+    conversion.options = gnp::road_options(road.as_deref(), lines.as_deref())?;
+    let converted = gnp::convert(&conversion, &machine)?;
+    machine.progress.result(&converted.text());
+    let files = &converted.written.files;
+    let more = files.len().saturating_sub(3);
+    let named = files.iter().take(3).map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ");
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    machine.progress.note(&format!("written: {named}{more}"));
+    Ok(())
+}
+
 fn tell(measured: &[Measured], machine: &Machine) {
     for one in measured {
         machine.progress.result(&one.text);
         machine.progress.note(&format!("tables, figures and report.html: {}", one.out.display()));
     }
-}
-
-fn export(args: &ExportArgs, program: &Program) -> Result<()> {
-    let machine = crate::machine(&args.machine, program)?;
-    let ExportArgs { run, out, name, card, .. } = args.clone();
-    let request = ExportRequest { run, out, name, card };
-    gnp::export(&request, &machine)?;
-    machine.progress.result(&format!("model: {}; its card: {0}/README.md", request.out.display()));
-    Ok(())
-}
-
-fn info(args: &InfoArgs, program: &Program) -> Result<()> {
-    let machine = crate::machine(&args.machine, program)?;
-    let card = gnp::model_card(args.model.as_deref(), &machine)?;
-    let text = if args.json { serde_json::to_string_pretty(&card)? + "\n" } else { card.text() };
-    // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
-    let _ = io::stdout().lock().write_all(text.as_bytes());
-    Ok(())
-}
-
-fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
-    let machine = crate::machine(&args.machine, program)?;
-    let run = Run::open(&args.run, &machine)?;
-    let without = args.without.iter().map(|vehicle| Change::Without { vehicle: *vehicle });
-    let speeds =
-        args.speed.iter().map(|(vehicle, speed_mps)| Change::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
-    let goal = args.goal.iter().map(|Place(goal)| Change::Goal(*goal));
-    let question = Question {
-        recording: args.recording.clone(),
-        vehicle: args.vehicle,
-        frame: args.at,
-        changes: without.chain(speeds).chain(goal).collect(),
-    };
-    let explained = gnp::explain(&run, &question)?;
-    if args.json {
-        // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
-        let _ = writeln!(io::stdout().lock(), "{:#}", explained.json());
-    } else {
-        machine.progress.result(&explained.text());
-    }
-    let out = match &args.out {
-        Some(out) => out.clone(),
-        None => explained.folder(&run)?,
-    };
-    explained.save_figures(&out)?;
-    machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
-    Ok(())
 }
 
 fn report(args: &ReportArgs, program: &Program) -> Result<()> {

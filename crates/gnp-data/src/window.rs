@@ -157,6 +157,12 @@ impl<'a> Observation<'a> {
         self.track().vehicle
     }
 
+    /// Index of the target's carriageway in [`Recording::roads`].
+    #[must_use]
+    pub fn road(&self) -> u16 {
+        self.track().road
+    }
+
     /// Site of the recording.
     #[must_use]
     pub fn site(&self) -> &'a str {

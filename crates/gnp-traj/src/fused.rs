@@ -24,6 +24,8 @@ mod history_encoder;
 mod layout;
 mod mlp;
 mod trace;
+mod values;
+mod workspace;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -41,6 +43,8 @@ use crate::roll_out::Sizes;
 use crate::{Phase, RollOut, RollOutBatch, TermRollOut, TrajConfig};
 
 pub(crate) use self::layout::Layout;
+pub use self::values::RollOutValues;
+pub use self::workspace::{RollOutWorkspace, RolledOut, RolledOutTerm};
 
 /// Values (4 bytes each) that the tapes of one batch may hold; chunks beyond go forward once more
 /// before they go backward. Also what waits for the next batch at most.
@@ -64,6 +68,11 @@ impl Fused {
     /// The same for a network whose `weights` (in the order of [`Fused::names`]) never change.
     pub(crate) fn frozen(&self, weights: &[Tensor]) -> Result<Self> {
         Ok(Self { packed: Some(Arc::new(self.pack(weights)?)), ..self.clone() })
+    }
+
+    /// The packed weights of a frozen network.
+    pub(crate) fn packed(&self) -> Option<&Net<Packed>> {
+        self.packed.as_deref()
     }
 
     /// Whether the weights are packed already.
@@ -169,7 +178,7 @@ fn explained(outcomes: Vec<Outcome>, batch: &Batch) -> Result<RollOut> {
     Ok(RollOut {
         path: tensor(paths.concat(), &[2])?,
         velocity: part(&|record| &record.velocity, &[2])?,
-        terms: batch.acting().into_iter().enumerate().map(term).collect::<Result<_>>()?,
+        terms: batch.acting().enumerate().map(term).collect::<Result<_>>()?,
     })
 }
 

@@ -33,6 +33,7 @@
 //! ```
 
 mod config;
+mod convert;
 mod data;
 mod error;
 mod evaluation;
@@ -43,6 +44,7 @@ mod machine;
 pub mod memory;
 mod model;
 mod needs;
+mod predict;
 mod progress;
 mod realism;
 mod report;
@@ -53,14 +55,18 @@ pub mod text;
 mod traffic;
 
 pub use crate::config::{DataConfig, GoalSection, PathSection, PredictConfig, RunConfig, Setting};
+pub use crate::convert::{Conversion, Converted, convert};
 pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder, road_options};
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};
 pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};
-pub use crate::explain::{Change, Explained, Question, explain};
+pub use crate::explain::{Change, Explained, Question, TracksQuestion, explain, explain_tracks};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
 pub use crate::model::{ExportRequest, Model, export, model_card};
+pub use crate::predict::{
+    Asked, At, AtError, Counts, Forecasted, PredictRequest, Predicted, Unpredicted, forecasts, predict,
+};
 pub use crate::progress::{Progress, Silent, Stop, Work};
 pub use crate::realism::{RealismPlan, realism, realism_text, save_realism};
 pub use crate::report::{Replayed, can_replay, write_replay, write_report};

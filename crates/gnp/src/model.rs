@@ -129,6 +129,8 @@ impl Run {
         let version = &gnp.header().code_version;
         let mut card = ModelCard::new(&name, version, data, windows, predict, training);
         card.scores = self.card_scores(&gnp)?;
+        let weights = |name: &&str| Some(((*name).to_owned(), state.files.get(*name)?.seal.clone()));
+        card.files = ModelFolder::FILES.iter().filter_map(weights).collect();
         Ok(card)
     }
 

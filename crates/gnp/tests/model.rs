@@ -1,6 +1,6 @@
 //! Models by themselves: exported from a run, opened from a folder, a run, or the program.
 
-#![allow(clippy::unwrap_used)] // also outside the test functions
+#![allow(clippy::unwrap_used, clippy::result_large_err)] // also outside the test functions
 
 mod smoke;
 
