@@ -218,16 +218,16 @@ impl Asked {
         &self.frames
     }
 
+    /// How many vehicles are there at these moments, all together.
+    #[must_use]
+    pub fn vehicles(&self, recording: &Recording) -> usize {
+        self.frames.iter().map(|frame| recording.present(*frame).len()).sum()
+    }
+
     /// Moments that have no forecast, by reason.
     #[must_use]
     pub fn left_out(&self) -> &BTreeMap<Unpredicted, u64> {
         &self.left_out
-    }
-
-    /// Vehicles at the moments, those among them that will have no forecast.
-    #[must_use]
-    pub fn vehicles(&self, recording: &Recording) -> usize {
-        self.frames.iter().map(|frame| recording.present(*frame).len()).sum()
     }
 
     /// The frames in pieces of at least `vehicles` vehicles each, but for the last one.
