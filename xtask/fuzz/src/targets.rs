@@ -10,6 +10,7 @@ mod recording;
 mod scene;
 mod split;
 mod table_text;
+mod tracks;
 
 use crate::Target;
 
@@ -25,6 +26,7 @@ pub const TARGETS: &[Target] = &[
     scene::TARGET,
     split::TARGET,
     table_text::TARGET,
+    tracks::TARGET,
 ];
 
 #[cfg(test)]
@@ -64,5 +66,5 @@ mod tests {
         };
     }
 
-    replays!(checkpoint configuration highd live ngsim predictions recording scene split table_text);
+    replays!(checkpoint configuration highd live ngsim predictions recording scene split table_text tracks);
 }
