@@ -21,9 +21,16 @@ impl fmt::Display for Foreign {
 
 const UNPACK: &str = "unpack it, and give the tables in it";
 const AS_CSV: &str = "save the table in it as CSV";
+<<<<<<< HEAD
 const OTHER_ROADS: &str = "highD and NGSIM are read as they are; give tracks of other roads as plain tracks (id, time, x, y), with the line \
                            of the road where it curves (docs/data.md)";
 const OTHER_LAYOUT: &str = "its layout is not read; give its rows as plain tracks: id, time, x, y (docs/data.md)";
+=======
+const OTHER_ROADS: &str =
+    "this program reads straight motorways: highD, and US-101 and I-80 of NGSIM; docs/data.md says how data is added";
+const SUMO: &str = "choose the dataset sumo";
+const OTHER_LAYOUT: &str = "its layout is not read; give its rows in the columns of NGSIM or highD (docs/data.md)";
+>>>>>>> main
 
 /// Files with a mark at a place, the place first.
 const MARKS: [(usize, &[u8], &str, &str); 23] = [
@@ -62,7 +69,7 @@ const MARKS: [(usize, &[u8], &str, &str); 23] = [
 const MARKUP: [(&[u8], &[u8], &str, &str); 9] = [
     (b"<!doctype html", b"", "a web page, perhaps of a failed download", "download the data again"),
     (b"<html", b"", "a web page, perhaps of a failed download", "download the data again"),
-    (b"<", b"<fcd-export", "floating car data (FCD) of SUMO", OTHER_LAYOUT),
+    (b"<", b"<fcd-export", "floating car data (FCD) of SUMO", SUMO),
     (b"<", b"<commonroad", "a CommonRoad scenario", OTHER_LAYOUT),
     (b"<", b"", "XML", OTHER_LAYOUT),
     (b"", b"\"road_segment_ids\"", "I-24 MOTION, as JSON", OTHER_LAYOUT),
@@ -78,7 +85,7 @@ const TABLES: [(&[&str], &str, &str); 10] = [
     (&["trackid", "initialframe", "finalframe"], "a tracksMeta table of inD, rounD, uniD or exiD", OTHER_ROADS),
     (&["locationid", "xutmorigin", "orthopxtometer"], "a recordingMeta table of inD, rounD, uniD or exiD", OTHER_ROADS),
     (&["track_id", "type", "traveled_d"], "a table of pNEUMA, which is of streets with junctions", OTHER_ROADS),
-    (&["timestep_time", "vehicle_id", "vehicle_x"], "floating car data (FCD) of SUMO", OTHER_LAYOUT),
+    (&["timestep_time", "vehicle_id", "vehicle_x"], "floating car data (FCD) of SUMO", SUMO),
     (&["timestamp", "track_id", "object_type", "city_name"], "a table of Argoverse, which is of streets", OTHER_ROADS),
     (&["track_id", "frame_id", "timestamp_ms", "agent_type"], "a table of INTERACTION", OTHER_ROADS),
     (&["road_segment_ids", "x_position", "y_position"], "a table of I-24 MOTION", OTHER_LAYOUT),

@@ -24,10 +24,14 @@ mod periods;
 #[cfg(feature = "readers")]
 mod plain;
 #[cfg(feature = "readers")]
+mod sumo;
+#[cfg(feature = "readers")]
 mod table;
 #[cfg(feature = "readers")]
 mod words;
 
+#[cfg(feature = "readers")]
+pub(crate) use self::ngsim::COLUMNS as NGSIM_COLUMNS;
 #[cfg(feature = "readers")]
 pub(crate) use self::table::gzip::head;
 
@@ -39,7 +43,8 @@ pub(crate) fn line_of(file: &std::path::Path, row: usize) -> Result<u64, crate::
 
 /// All of them, in the order in which they are described.
 #[cfg(feature = "readers")]
-pub(crate) const ALL: &[&dyn Format] = &[&ngsim::Ngsim, &highd::HighD, &plain::Plain, &argoverse::Argoverse];
+pub(crate) const ALL: &[&dyn Format] =
+    &[&ngsim::Ngsim, &highd::HighD, &plain::Plain, &argoverse::Argoverse, &sumo::Sumo];
 
 /// None: reading needs the feature `readers`.
 #[cfg(not(feature = "readers"))]

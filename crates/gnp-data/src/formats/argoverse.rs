@@ -1,5 +1,6 @@
 //! Argoverse 2 motion forecasting: one Parquet file a scenario of 11 s at 10 Hz from streets of American cities, in m.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use super::parquet_columns::{Cells, ParquetTable, is_parquet};
@@ -12,6 +13,8 @@ use crate::recording::{Recording, VehicleClass};
 use crate::schema::{Column, Schema, TableSchema};
 use crate::track_options::TrackOptions;
 use crate::track_table::{RowPlaces, TableVehicle, TrackTable};
+use crate::tracks::{TrackFile, Tracks};
+use crate::write::{self, Written};
 
 /// The format.
 pub(super) struct Argoverse;
@@ -87,11 +90,34 @@ impl Format for Argoverse {
     }
 
     fn read_with(&self, source: &Source, options: &TrackOptions) -> Result<Vec<(Recording, IngestReport)>, DataError> {
-        let mut recordings = table(source)?.recordings(options)?;
-        for (_, report) in &mut recordings {
-            report.notes.extend(source.notes.iter().cloned());
-        }
-        Ok(recordings)
+        table(source)?.recordings(options)
+    }
+
+    fn track_file(&self, source: &Source) -> Result<Option<Box<dyn TrackFile>>, DataError> {
+        Ok(Some(Box::new(Scenario { source: source.clone() })))
+    }
+
+    fn written_as(&self) -> &[&str] {
+        &[""]
+    }
+
+    fn write(&self, tracks: &Tracks, _: &TrackOptions, to: &Path) -> Result<Written, DataError> {
+        write::argoverse::write(&tracks.table(), to)
+    }
+}
+
+/// A scenario, which is small: one table.
+struct Scenario {
+    source: Source,
+}
+
+impl TrackFile for Scenario {
+    fn tables(
+        &self,
+        _: usize,
+        take: &mut dyn FnMut(TrackTable) -> Result<ControlFlow<()>, DataError>,
+    ) -> Result<(), DataError> {
+        take(table(&self.source)?).map(drop)
     }
 }
 
@@ -163,6 +189,7 @@ fn part(source: &Source, places: RowPlaces, cells: Vec<Cells>, about: &[&str]) -
             None => vehicle.left_out = Some(format!("are of class {}", gnp_file::excerpt(word, 30))),
         }
     }
+    table.notes.clone_from(&source.notes);
     table.notes.extend(
         said("focal_track_id").map(|id| format!("the scenario is about vehicle {}", gnp_file::excerpt(id, 60))),
     );

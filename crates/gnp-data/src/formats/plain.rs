@@ -1,5 +1,6 @@
 //! Plain tracks: any table with an id, a time and a position, the format that everybody can write.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use self::columns::Found;
@@ -13,6 +14,8 @@ use crate::recording::Recording;
 use crate::schema::{Column, Schema, TableSchema};
 use crate::track_options::TrackOptions;
 use crate::track_table::TrackTable;
+use crate::tracks::{TrackFile, Tracks, whole};
+use crate::write::{self, Written};
 
 mod columns;
 mod rows;
@@ -96,20 +99,34 @@ impl Format for Plain {
     }
 
     fn read_with(&self, source: &Source, options: &TrackOptions) -> Result<Vec<(Recording, IngestReport)>, DataError> {
-        let mut all: Option<TrackTable> = None;
-        rows::read(source, &mut |part| {
-            match &mut all {
-                Some(all) => all.append(part),
-                None => all = Some(part),
-            }
-            Ok(())
-        })?;
-        let file = source.file()?;
-        let table = all.ok_or_else(|| DataError::Empty { file: file.into() })?;
-        let mut recordings = table.recordings(options)?;
-        for (_, report) in &mut recordings {
-            report.notes.extend(source.notes.iter().cloned());
-        }
-        Ok(recordings)
+        let table = whole(&Tables { source: source.clone() }, source)?;
+        table.recordings(options)
+    }
+
+    fn track_file(&self, source: &Source) -> Result<Option<Box<dyn TrackFile>>, DataError> {
+        Ok(Some(Box::new(Tables { source: source.clone() })))
+    }
+
+    fn written_as(&self) -> &[&str] {
+        &[".csv", ".parquet"]
+    }
+
+    fn write(&self, tracks: &Tracks, _: &TrackOptions, to: &Path) -> Result<Written, DataError> {
+        write::plain::write(&tracks.table(), to)
+    }
+}
+
+/// The rows of a source, by blocks of a text or groups of rows of Parquet, whatever number is asked for.
+struct Tables {
+    source: Source,
+}
+
+impl TrackFile for Tables {
+    fn tables(
+        &self,
+        _: usize,
+        take: &mut dyn FnMut(TrackTable) -> Result<ControlFlow<()>, DataError>,
+    ) -> Result<(), DataError> {
+        rows::read(&self.source, take)
     }
 }

@@ -3,6 +3,7 @@
 //! otherwise finds the line.
 
 use std::io::Cursor;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -144,14 +145,14 @@ impl Table {
         Ok(as_asked(values, &sorted))
     }
 
-    /// Hands the wanted columns, in the order asked for, of every block of lines to `take`.
+    /// Hands the wanted columns, in the order asked for, of every block of lines to `take`, until it breaks.
     ///
     /// # Errors
     /// As [`Table::read`]; what `take` returns.
     pub(super) fn read_blocks(
         &self,
         wanted: &[Wanted],
-        take: &mut dyn FnMut(Vec<Values>) -> Result<(), DataError>,
+        take: &mut dyn FnMut(Vec<Values>) -> Result<ControlFlow<()>, DataError>,
     ) -> Result<(), DataError> {
         self.check_width()?;
         let (sorted, ordered) = by_place(wanted);
@@ -166,8 +167,8 @@ impl Table {
             if rows > MAX_ROWS {
                 return Err(self.too_long());
             }
-            if values.first().is_some_and(|column| column.len() > 0) {
-                take(as_asked(values, &sorted))?;
+            if values.first().is_some_and(|column| column.len() > 0) && take(as_asked(values, &sorted))?.is_break() {
+                break;
             }
         }
         if rows == 0 { Err(DataError::Empty { file: self.file.clone() }) } else { Ok(()) }

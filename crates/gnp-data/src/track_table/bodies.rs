@@ -2,13 +2,15 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::TrackTable;
-use crate::leader::NAMED_LEADER_SIZE;
+use super::{RowPlaces, TrackTable};
 use crate::recording::VehicleClass;
 
-/// Length and width, m, that a vehicle of a class is taken to have where its data does not say.
-pub const DEFAULT_SIZES: [(VehicleClass, [f32; 2]); 3] =
-    [(VehicleClass::Motorcycle, [2.2, 0.8]), (VehicleClass::Car, NAMED_LEADER_SIZE), (VehicleClass::Truck, [12., 2.5])];
+/// [`VehicleClass::default_size`] of all classes.
+pub const DEFAULT_SIZES: [(VehicleClass, [f32; 2]); 3] = [
+    (VehicleClass::Motorcycle, VehicleClass::Motorcycle.default_size()),
+    (VehicleClass::Car, VehicleClass::Car.default_size()),
+    (VehicleClass::Truck, VehicleClass::Truck.default_size()),
+];
 
 /// A vehicle of unknown class is a motorcycle up to the first length, m, and a truck from the second on.
 const CLASS_LENGTHS: [f32; 2] = [2.6, 7.5];
@@ -69,7 +71,7 @@ impl VehicleWord {
 
 /// Length and width of a class, m.
 pub(super) fn default_size(class: VehicleClass) -> [f32; 2] {
-    DEFAULT_SIZES.iter().find(|(of, _)| *of == class).map_or(NAMED_LEADER_SIZE, |(_, size)| *size)
+    class.default_size()
 }
 
 /// The class of a vehicle of which only the length, m, is known.
@@ -156,6 +158,11 @@ impl TrackTable {
         }
         if let (Some(all), Some(more)) = (&mut self.lane, other.lane) {
             all.extend(more);
+        }
+        if let (RowPlaces::Numbers { numbers, .. }, RowPlaces::Numbers { numbers: more, .. }) =
+            (&mut self.places, other.places)
+        {
+            numbers.extend(more);
         }
         for (reason, rows) in other.skipped_rows {
             *self.skipped_rows.entry(reason).or_insert(0) += rows;

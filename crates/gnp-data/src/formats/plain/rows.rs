@@ -1,5 +1,6 @@
 //! The rows of plain tracks, a block of a text or a group of rows of Parquet at a time.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use super::Plain;
@@ -18,13 +19,13 @@ enum Values {
     Words(Words),
 }
 
-/// Hands the rows of a source to `take`, in the order of the file, in parts that fit into memory.
+/// Hands the rows of a source to `take`, in the order of the file, in parts that fit into memory, until it breaks.
 ///
 /// # Errors
 /// As [`Table::read_blocks`] and [`ParquetTable::read`]; what `take` returns.
 pub(super) fn read(
     source: &Source,
-    take: &mut dyn FnMut(TrackTable) -> Result<(), DataError>,
+    take: &mut dyn FnMut(TrackTable) -> Result<ControlFlow<()>, DataError>,
 ) -> Result<(), DataError> {
     let file = source.file()?;
     let other = || DataError::NoRecordings {
@@ -56,7 +57,9 @@ pub(super) fn read(
             let place = RowPlaces::Rows { file: file.into(), first };
             let part = part(source, &found, place, fields)?;
             first += part.len() as u64;
-            take(part)?;
+            if take(part)?.is_break() {
+                break;
+            }
         }
         return Ok(());
     }
@@ -102,6 +105,7 @@ fn part(
     let site = source.site.clone().unwrap_or_else(|| source.dataset.to_string());
     let mut table = TrackTable::new(source.dataset, site, &source.name);
     table.simulated = source.simulated;
+    table.notes.clone_from(&source.notes);
     table.places = places;
     table.columns = found.called.clone();
     let (mut vx, mut vy, mut length, mut width, mut lane, mut class) = (None, None, None, None, None, None);
