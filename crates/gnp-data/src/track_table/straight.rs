@@ -107,9 +107,6 @@ pub(super) fn axis(table: &TrackTable, taken: &Taken) -> Result<ReferenceLine, D
     let quarter = (heading / FRAC_PI_2).round() * FRAC_PI_2;
     if (heading - quarter).sin().abs() * (x.1 - x.0).hypot(y.1 - y.0) < PARALLEL {
         heading = quarter;
-    } else {
-        // So few digits that a file of JSON gives back the same bits.
-        heading = (heading * 1e9).round() / 1e9;
     }
     let near = [x.0, x.1, y.0, y.1].iter().all(|value| value.abs() <= NEAR);
     let origin = if near { [0.; 2] } else { [x.0.floor(), y.0.floor()] };
