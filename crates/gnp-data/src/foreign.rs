@@ -21,10 +21,10 @@ impl fmt::Display for Foreign {
 
 const UNPACK: &str = "unpack it, and give the tables in it";
 const AS_CSV: &str = "save the table in it as CSV";
-const OTHER_ROADS: &str =
-    "this program reads straight motorways: highD, and US-101 and I-80 of NGSIM; docs/data.md says how data is added";
+const OTHER_ROADS: &str = "highD and NGSIM are read as they are; give tracks of other roads as plain tracks (id, time, x, y), with the line \
+                           of the road where it curves (docs/data.md)";
+const OTHER_LAYOUT: &str = "its layout is not read; give its rows as plain tracks: id, time, x, y (docs/data.md)";
 const SUMO: &str = "choose the dataset sumo";
-const OTHER_LAYOUT: &str = "its layout is not read; give its rows in the columns of NGSIM or highD (docs/data.md)";
 
 /// Files with a mark at a place, the place first.
 const MARKS: [(usize, &[u8], &str, &str); 23] = [
