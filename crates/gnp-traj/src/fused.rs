@@ -122,7 +122,8 @@ impl Fused {
         let inputs = goals.track_op() || observed.track_op();
         if let Some(net) = self.packed.as_ref().filter(|_| !inputs) {
             let batch = Batch::new(network, batch, sizes, phase)?;
-            let paths: Vec<_> = self.roll_out(&batch, net, Detail::Path).into_iter().map(|outcome| outcome.path).collect();
+            let paths: Vec<_> =
+                self.roll_out(&batch, net, Detail::Path).into_iter().map(|outcome| outcome.path).collect();
             return Tensor::from_vec(paths.concat(), (sizes.batch, sizes.goals, batch.steps, 2), &Device::Cpu);
         }
         let part = |(i, weight): (usize, &Tensor)| {
