@@ -2,14 +2,17 @@
 //! `cargo xtask --help` lists the commands.
 
 mod bench;
+mod c;
 mod ci;
 mod cli;
 mod contents;
 mod determinism;
 mod fuzz;
 mod gallery;
+mod pretrained;
 mod process;
 mod project;
+mod python;
 mod sbom;
 mod tidy;
 mod torture;
@@ -48,10 +51,13 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Bench(args) => bench::run(args, &terminal(args.quiet)),
         Command::Fuzz(args) => fuzz::run(args, &terminal(false)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
+        Command::C(args) => c::run(&project::root(), args, &terminal(false)),
+        Command::Python => python::run(&project::root(), &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
         Command::Aarch64 => ci::aarch64::run(&project::root(), ci::aarch64::Extent::All, &terminal(false)),
         Command::Determinism(args) => determinism::run(*args, &terminal(args.quiet)),
         Command::Torture(args) => torture::run(args, &terminal(args.quiet)),
+        Command::Pretrained { check, machine } => pretrained::run(*check, &gnp_cli::machine(machine, program)?),
         Command::Sbom => sbom::write(&project::root(), &terminal(false)),
         Command::Tidy => tidy::run(&project::root()),
     }

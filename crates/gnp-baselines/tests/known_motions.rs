@@ -27,7 +27,7 @@ fn driven(shape: WindowShape, at: impl Fn(f64) -> [f64; 2]) -> Recording {
     };
     let track = Track::new(1, [4.5, 1.8], 3, 0..rows);
     let meta = RecordingMeta::new(Dataset::NGSIM, "s", "a", shape.rate_hz).with_simulated(true);
-    let road = Road { driving_direction: 2, lines: vec![], fitted: false };
+    let road = Road { driving_direction: 2, lines: vec![], fitted: false, axis: None };
     Recording::from_parts(meta, vec![road], vec![track], columns).unwrap()
 }
 

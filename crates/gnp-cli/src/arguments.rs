@@ -1,5 +1,8 @@
 //! The commands and their arguments.
 
+mod convert;
+mod model;
+mod road;
 mod tables;
 mod traffic;
 
@@ -9,9 +12,12 @@ use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 use gnp::{Setting, Stage};
 use gnp_data::Dataset;
 
+pub(crate) use self::convert::ConvertArgs;
+pub(crate) use self::model::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs};
+pub(crate) use self::road::RoadArgs;
 pub(crate) use self::tables::{CompareArgs, TableArgs};
 pub(crate) use self::traffic::{MeasureArgs, RealismArgs, SimulateArgs};
-use crate::names::{DeviceName, Place, ProtocolName, dataset, place, speed};
+use crate::names::{DeviceName, ProtocolName, dataset};
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -100,6 +106,29 @@ Examples:
   gnp figures --run runs/ngsim
   gnp figures --run runs/ngsim --data-dir D --out figures-of-d")]
     Figures(FigureArgs),
+    /// Predict every vehicle of some tracks, also where no future is recorded: tracks in, forecasts with forces out.
+    #[command(after_help = "\
+Examples:
+  gnp predict --input tracks.csv --output forecasts.parquet       in the last frame, by the model that comes with the program
+  gnp predict --input tracks.csv --output forecasts.parquet --at 12.5
+  gnp predict --input D --output forecasts --every 0.5 --model runs/d   a folder of recordings: a file for each
+
+What is done of an interrupted prediction is kept beside the output; the same command again goes on with it.")]
+    Predict(PredictArgs),
+    /// Write the trained model of a run as a folder of its own, which needs no recordings: weights and a card.
+    #[command(after_help = "\
+Examples:
+  gnp export --run runs/d --out models/d
+  gnp export --run runs/d --out models/d --name motorway-d --card words.toml
+
+words.toml has title, licence, limits (a list of sentences) and, if they are not those of the run, [scores].")]
+    Export(ExportArgs),
+    /// Say what a model is: data, settings, scores, limits, licence.
+    #[command(after_help = "\
+Examples:
+  gnp info                     the model that comes with the program
+  gnp info runs/ngsim --json   that of a run")]
+    Info(InfoArgs),
     /// Say what is behind one forecast, cause by cause, and what it would be in a changed scene.
     #[command(after_help = "\
 Examples:
@@ -108,6 +137,7 @@ Examples:
   gnp explain --run runs/ngsim --vehicle 554 --without 549    the same beside the scene without vehicle 549
   gnp explain --run runs/ngsim --vehicle 554 --speed 549=5 --json
   gnp explain --run runs/ngsim --vehicle 554 --goal 60,-3.6   drawn to 60 m ahead and 3.6 m to the right
+  gnp explain --input tracks.csv --vehicle 7 --at 12.5        of tracks, by the model that comes with the program
 
 Prints a table of displacements in m by cause, which add up to the predicted path, and a sentence; writes the figures
 contributions and what-if, as SVG and PNG, to --out.")]
@@ -149,6 +179,19 @@ Examples:
 Drivers are fitted to other vehicles than those they drive; a trained run drives only vehicles it was not trained on, which
 takes the runs of all folds of `compare`. Writes realism.md, .csv and .json to --out.")]
     Realism(RealismArgs),
+    /// Write tracks in another format: highD, NGSIM, plain tracks, SUMO's floating car data, Argoverse 2.
+    #[command(after_help = "\
+Examples:
+  gnp convert --input 03_tracks.csv --to tracks --output 03.parquet
+  gnp convert --input fcd.xml --to tracks --output tracks.csv       SUMO's floating car data as plain tracks
+  gnp convert --input D --from ngsim --to sumo --output fcd         a folder, a file for each recording
+  gnp convert --input tracks.csv --to highd --output D
+
+Formats: ngsim (.csv with commas, .txt without a header), highd (three files a recording), tracks (.csv, .parquet), sumo
+(.xml, and vehicle types in .add.xml beside), av2 (scenarios of 11 s). Text is packed where the name ends with .gz.
+Prints what was left out in reading, and what the format written does not hold. NGSIM and highD lie along a road: for one
+that curves give --road.")]
+    Convert(ConvertArgs),
     /// Write the minute of the scene player as a file for the Rerun viewer; needs a build with the feature `rerun`.
     #[command(after_help = "\
 Example:
@@ -211,6 +254,9 @@ pub(crate) struct RunArgs {
     /// Override a key of the configuration, such as goal.epochs=3; repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<Setting>,
+    /// On which road.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
 }
 
 /// What to train.
@@ -278,6 +324,9 @@ pub struct EvaluateArgs {
     /// Folder (or file) of other recordings to score on.
     #[arg(long, value_name = "DIR")]
     pub(crate) data_dir: Option<PathBuf>,
+    /// On which road, where it is not that of the run.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
     /// Folder for scores on other recordings or of others' predictions; must not exist or be empty.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
@@ -310,41 +359,6 @@ pub struct ReportArgs {
     /// The finished run.
     #[arg(long, value_name = "DIR")]
     pub(crate) run: PathBuf,
-    /// On what.
-    #[command(flatten)]
-    pub(crate) machine: MachineArgs,
-}
-
-/// What to explain, what to change, where to.
-#[derive(Clone, Debug, Args)]
-pub struct ExplainArgs {
-    /// The trained run.
-    #[arg(long, value_name = "DIR")]
-    pub(crate) run: PathBuf,
-    /// Recording of the vehicle [default: any].
-    #[arg(long, value_name = "NAME")]
-    pub(crate) recording: Option<String>,
-    /// The vehicle [default: one that its leader moves far].
-    #[arg(long, value_name = "NUMBER")]
-    pub(crate) vehicle: Option<u32>,
-    /// Last observed frame [default: of the vehicle's windows the one in which a leader moves it most].
-    #[arg(long, value_name = "FRAME")]
-    pub(crate) at: Option<u32>,
-    /// Leave a vehicle out of the scene; repeatable.
-    #[arg(long, value_name = "NUMBER")]
-    pub(crate) without: Vec<u32>,
-    /// Give a vehicle another speed, such as 549=5 for 5 m/s; repeatable.
-    #[arg(long, value_name = "NUMBER=MPS", value_parser = speed)]
-    pub(crate) speed: Vec<(u32, f32)>,
-    /// Draw the vehicle to a place, m ahead and to the left of where it is, instead of where the network expects it.
-    #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
-    pub(crate) goal: Option<Place>,
-    /// Folder for the figures [default: in explain/ of the run folder]; figures there are replaced.
-    #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
-    /// Print JSON, with every step, instead of the table.
-    #[arg(long)]
-    pub(crate) json: bool,
     /// On what.
     #[command(flatten)]
     pub(crate) machine: MachineArgs,
@@ -432,7 +446,7 @@ mod tests {
         let line = "gnp explain --run a --without 3 --without 4 --speed 5=2.5 --goal -1.5,3";
         let Command::Explain(args) = Cli::try_parse_from(line.split(' ')).unwrap().command else { panic!("{line}") };
         assert_eq!((args.without, args.speed), (vec![3, 4], vec![(5, 2.5)]));
-        assert_eq!(args.goal, Some(Place([-1.5, 3.])));
+        assert_eq!(args.goal, Some(crate::names::Place([-1.5, 3.])));
     }
 
     #[test]
@@ -494,6 +508,13 @@ mod tests {
             &["gnp", "realism", "--dataset", "ngsim", "--roll-outs", "65535"],
             &["gnp", "simulate", "--dataset", "ngsim", "--seconds", "1e30"],
             &["gnp", "simulate", "--dataset", "ngsim", "--at", "nan"],
+            &["gnp", "explain", "--vehicle", "3"],
+            &["gnp", "explain", "--run", "a", "--input", "b"],
+            &["gnp", "explain", "--run", "a", "--model", "b"],
+            &["gnp", "predict", "--input", "a"],
+            &["gnp", "predict", "--input", "a", "--output", "b", "--at", "soon"],
+            &["gnp", "predict", "--input", "a", "--output", "b", "--every", "0"],
+            &["gnp", "predict", "--input", "a", "--output", "b", "--every", "2", "--at", "last"],
             &["gnp", "explain", "--run", "a", "--speed", "5=1e30"],
             &["gnp", "explain", "--run", "a", "--goal", "1e30,0"],
             &["gnp", "evaluate"],

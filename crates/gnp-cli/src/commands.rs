@@ -1,5 +1,7 @@
 //! What each command does.
 
+mod model;
+
 use std::io::{self, Write as _};
 use std::path::Path;
 use std::sync::Arc;
@@ -8,7 +10,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    Change, CompareRequest, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _, Question,
+    CompareRequest, Conversion, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _,
     RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory,
     score_predictions, score_recordings,
 };
@@ -16,10 +18,9 @@ use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, CompareArgs, EvaluateArgs, ExplainArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs,
+    Command, CompareArgs, ConvertArgs, EvaluateArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs,
     ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
-use crate::names::Place;
 use crate::planned::{plan, resolve};
 use crate::processes;
 use crate::program::Program;
@@ -41,10 +42,14 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
             Ok(gnp::ablate(&table(args, "table2", program)?.0, &crate::machine(&args.machine, program)?)?)
         }
         Command::Figures(args) => figures(args, program),
-        Command::Explain(args) => explain(args, program),
+        Command::Predict(args) => model::predict(args, program),
+        Command::Export(args) => model::export(args, program),
+        Command::Info(args) => model::info(args, program),
+        Command::Explain(args) => model::explain(args, program),
         Command::Simulate(args) => simulate(args, program),
         Command::Measure(args) => measure(args, program),
         Command::Realism(args) => realism(args, program),
+        Command::Convert(args) => convert(args, program),
         Command::Report(args) => report(args, program),
         Command::Replay(args) => replay(args, program),
     }
@@ -62,7 +67,7 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
         run.config.iter().for_each(|file| add("config", file.display().to_string()));
         run.data_dir.iter().for_each(|dir| add("data-dir", dir.display().to_string()));
         run.set.iter().for_each(|setting| add("set", format!("{}={}", setting.key, setting.text)));
-        Some(format!("{line} --resume --out {folder}"))
+        Some(format!("{line}{} --resume --out {folder}", run.road.words()))
     };
     match command {
         // The folder says what it was prepared for.
@@ -71,7 +76,9 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
         Command::Compare(_) => Some(format!("gnp compare --resume --out {folder}")),
         Command::Ablate(args) => ablate(args),
         // Done again from the start, which takes seconds.
-        Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) => None,
+        Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) | Command::Convert(_) => None,
+        Command::Predict(args) => Some(model::again(args)),
+        Command::Explain(_) => None,
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
     }
 }
@@ -141,6 +148,9 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
             if args.out.is_some() {
                 bail!("--out is for other recordings (--data-dir); scores on a run's own windows stay in its folder");
             }
+            if args.road.any() {
+                bail!("--road and --lines are for other recordings (--data-dir); a run's own were read with theirs");
+            }
             let mut run = Run::resume(folder, &machine)?;
             run.say_data();
             if args.again {
@@ -153,7 +163,9 @@ fn evaluate(args: &EvaluateArgs, program: &Program) -> Result<()> {
         }
         (None, Some(folder), Some(data)) => {
             let Some(out) = &args.out else { bail!("give a folder for the scores on other recordings: --out DIR") };
-            let run = Run::open_model(folder, &machine)?;
+            let mut run = Run::open_model(folder, &machine)?;
+            let (road, lane_lines) = args.road.parts()?;
+            run.set_road(road, lane_lines);
             let (scores, place) = score_recordings(&run, data, out)?;
             show(&scores, args.tables, &machine);
             machine.progress.result(&format!("\nAll scores: {}", place.join("metrics.md").display()));
@@ -185,6 +197,7 @@ fn evaluate_predictions(args: &EvaluateArgs, file: &Path, machine: &Machine) -> 
                 out: None,
                 resume: false,
                 set: args.set.clone(),
+                road: args.road.clone(),
             };
             let (config, _) = resolve(&run, None)?;
             PredictionsOn::Recordings { config: Box::new(config), data: args.data_dir.clone() }
@@ -393,40 +406,27 @@ fn measure(args: &MeasureArgs, program: &Program) -> Result<()> {
     Ok(())
 }
 
+fn convert(args: &ConvertArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let mut conversion = Conversion::new(&args.input, args.to, &args.output);
+    conversion.from = args.from;
+    let (road, lines) = args.road.parts()?;
+    conversion.options = gnp::road_options(road.as_deref(), lines.as_deref())?;
+    let converted = gnp::convert(&conversion, &machine)?;
+    machine.progress.result(&converted.text());
+    let files = &converted.written.files;
+    let more = files.len().saturating_sub(3);
+    let named = files.iter().take(3).map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ");
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    machine.progress.note(&format!("written: {named}{more}"));
+    Ok(())
+}
+
 fn tell(measured: &[Measured], machine: &Machine) {
     for one in measured {
         machine.progress.result(&one.text);
         machine.progress.note(&format!("tables, figures and report.html: {}", one.out.display()));
     }
-}
-
-fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
-    let machine = crate::machine(&args.machine, program)?;
-    let run = Run::open(&args.run, &machine)?;
-    let without = args.without.iter().map(|vehicle| Change::Without { vehicle: *vehicle });
-    let speeds =
-        args.speed.iter().map(|(vehicle, speed_mps)| Change::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
-    let goal = args.goal.iter().map(|Place(goal)| Change::Goal(*goal));
-    let question = Question {
-        recording: args.recording.clone(),
-        vehicle: args.vehicle,
-        frame: args.at,
-        changes: without.chain(speeds).chain(goal).collect(),
-    };
-    let explained = gnp::explain(&run, &question)?;
-    if args.json {
-        // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
-        let _ = writeln!(io::stdout().lock(), "{:#}", explained.json());
-    } else {
-        machine.progress.result(&explained.text());
-    }
-    let out = match &args.out {
-        Some(out) => out.clone(),
-        None => explained.folder(&run)?,
-    };
-    explained.save_figures(&out)?;
-    machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
-    Ok(())
 }
 
 fn report(args: &ReportArgs, program: &Program) -> Result<()> {

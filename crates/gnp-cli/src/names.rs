@@ -66,6 +66,12 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     given.ok_or_else(|| "give a number of seconds from 0 to 86400".to_owned())
 }
 
+/// A span of time above 0, s: up to a day.
+pub(crate) fn positive_seconds(text: &str) -> Result<f64, String> {
+    let given = text.trim().parse().ok().filter(|seconds| *seconds > 0. && *seconds <= 86_400.);
+    given.ok_or_else(|| "give a number of seconds above 0, up to 86400".to_owned())
+}
+
 /// A number that is not larger than `most`, with either sign.
 fn number(text: &str, most: f32) -> Option<f32> {
     text.trim().parse().ok().filter(|value: &f32| value.abs() <= most)

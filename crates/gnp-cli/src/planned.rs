@@ -23,7 +23,7 @@ pub(crate) fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Re
         }
     }
     // A run is resumed with its own configuration, unless the command line says more than where it is and what it is of.
-    if args.resume && args.config.is_none() && args.set.is_empty() {
+    if args.resume && args.config.is_none() && args.set.is_empty() && !args.road.any() {
         let there: Option<PathBuf> = match (&args.out, args.dataset) {
             (Some(out), _) => Some(out.clone()),
             (None, Some(dataset)) => Some(out(dataset.as_str())),
@@ -50,7 +50,7 @@ pub(crate) fn plan(args: &RunArgs, from: Option<&Path>, program: &Program) -> Re
 /// unless there is another one.
 pub(crate) fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig, String)> {
     let stem = |path: &Path| path.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
-    let (config, name, shown) = match (&args.config, from, args.dataset) {
+    let (mut config, name, shown) = match (&args.config, from, args.dataset) {
         (Some(path), ..) => {
             // `paper/ngsim` is another run than `ngsim`.
             let name = if path.is_file() { stem(path) } else { path.display().to_string().replace('/', "-") };
@@ -72,5 +72,7 @@ pub(crate) fn resolve(args: &RunArgs, from: Option<&Path>) -> Result<(RunConfig,
     {
         bail!("--dataset {asked} but {shown} is for {}", config.dataset);
     }
+    let (road, lane_lines) = args.road.parts()?;
+    config.data.set_road(road, lane_lines);
     Ok((config, name))
 }

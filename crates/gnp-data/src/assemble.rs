@@ -266,14 +266,16 @@ fn derivative(position: &[f32], tracks: &[Track], rate_hz: f64) -> Vec<f32> {
     let mut slope = Vec::with_capacity(position.len());
     for track in tracks {
         let p = &position[track.rows.clone()];
-        let last = p.len() - 1;
-        slope.extend((0..p.len()).map(|i| {
-            let (from, to) = (i.saturating_sub(1), last.min(i + 1));
-            let steps = (to - from).max(1) as f64;
-            (f64::from(p[to] - p[from]) * rate_hz / steps) as f32
-        }));
+        slope.extend((0..p.len()).map(|i| slope_at(|i| p[i], i, p.len(), rate_hz)));
     }
     slope
+}
+
+/// Derivative in time at the `i`-th of `n` positions.
+pub(crate) fn slope_at(position: impl Fn(usize) -> f32, i: usize, n: usize, rate_hz: f64) -> f32 {
+    let (from, to) = (i.saturating_sub(1), (n - 1).min(i + 1));
+    let steps = (to - from).max(1) as f64;
+    (f64::from(position(to) - position(from)) * rate_hz / steps) as f32
 }
 
 #[cfg(test)]
@@ -287,7 +289,7 @@ mod tests {
     }
 
     fn road() -> Road {
-        Road { driving_direction: 2, lines: Vec::new(), fitted: true }
+        Road { driving_direction: 2, lines: Vec::new(), fitted: true, axis: None }
     }
 
     /// Rows given as (vehicle, frame, x).

@@ -7,6 +7,7 @@
 //! neighbours (u32) and, where the header says so, vehicle (u32) and headway (f32) of named leaders,
 //! one after the other; a row takes 50 or 58 bytes, about half of its line of CSV.
 
+use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 
@@ -35,6 +36,8 @@ struct Header {
     rows: usize,
     named_leaders: bool,
     lane_order: Option<LaneOrder>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    names: BTreeMap<u32, String>,
 }
 
 impl Recording {
@@ -51,6 +54,7 @@ impl Recording {
             rows: self.len(),
             named_leaders: self.columns.named_leader.is_some(),
             lane_order: self.lane_order.clone(),
+            names: self.names.clone(),
         };
         let header = serde_json::to_vec(&header).map_err(|e| io(e.into()))?;
         let mut body = Vec::with_capacity(8 + header.len() + (ROW + LEADER) * self.len());
@@ -157,7 +161,9 @@ fn parse(bytes: &[u8]) -> Result<Recording, String> {
             .then(|| vehicles.chunks_exact(4).zip(headways.chunks_exact(4)).map(leader).collect()),
     };
     let recording = Recording::from_parts(header.meta, header.roads, header.tracks, columns);
-    recording.map(|it| Recording { lane_order: header.lane_order, ..it }).map_err(|e| e.to_string())
+    recording
+        .map(|it| Recording { lane_order: header.lane_order, ..it }.with_vehicle_names(header.names))
+        .map_err(|e| e.to_string())
 }
 
 /// The first `N` bytes of a slice that is at least as long.

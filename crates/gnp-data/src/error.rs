@@ -6,6 +6,28 @@ use crate::dataset::Dataset;
 use crate::scene_edit::SceneEditError;
 use crate::window_shape::WindowError;
 
+/// What kind of fault tracks have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum TrackProblem {
+    /// Columns are missing, of another kind or of different lengths.
+    Columns,
+    /// There are no rows or no vehicles to read.
+    Empty,
+    /// A value that cannot be: not finite, too large.
+    Value,
+    /// Times that are not uniform, or too far apart.
+    Time,
+    /// A vehicle in two places at one time.
+    Duplicate,
+    /// Numbers that can only come from another unit.
+    Unit,
+    /// A road that is not straight, or not where the tracks are.
+    Road,
+    /// Columns that say things that cannot both be true.
+    Contradiction,
+}
+
 /// Why recordings could not be found, read, checked, cut or kept. Every message names the file, the
 /// line or the column where there is one, and the remedy.
 #[derive(Debug, thiserror::Error)]
@@ -195,6 +217,28 @@ pub enum DataError {
         what: String,
         /// What to do.
         remedy: &'static str,
+    },
+    /// Tracks of a table or a program that cannot be, or that contradict themselves.
+    #[error("{place}: {what}; {remedy}")]
+    Tracks {
+        /// What kind of fault it is.
+        problem: TrackProblem,
+        /// Where it shows first: file, line or row, column, as far as they are known.
+        place: String,
+        /// What is wrong, with its numbers.
+        what: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// Tracks that a layout does not take.
+    #[error("{recording} cannot be written as {layout}: {reason}")]
+    Unwritable {
+        /// Name of the recording.
+        recording: String,
+        /// Title of the layout's format.
+        layout: String,
+        /// What does not fit, and what to do.
+        reason: String,
     },
     /// A recording sampled at another rate than the configuration expects.
     #[error(

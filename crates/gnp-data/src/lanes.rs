@@ -7,7 +7,7 @@ use gnp_force::MarkingKind;
 use crate::recording::LaneMarking;
 
 /// Width of a lane of an American motorway: 12 feet, m.
-const LANE_WIDTH: f32 = 3.66;
+pub(crate) const LANE_WIDTH: f32 = 3.66;
 
 /// Lanes beyond this number are ramps: they lie beside the main lanes only for a part of the road.
 const MAIN_LANES: i16 = 6;
@@ -36,6 +36,11 @@ const SAMPLE: usize = 50_000;
 pub fn fit_lanes(lane: &[i16], y: &[f32]) -> LaneFit {
     let (centres, misplaced) = centres(lane, y);
     LaneFit { lines: lines(&centres), width: width(&centres), centres, misplaced }
+}
+
+/// Number of the lane at `y`, m, between `lines` from right to left, 1 the leftmost; 0 outside them.
+pub(crate) fn lane_at(lines: &[LaneMarking], y: f32) -> i16 {
+    lane_between(lines.iter().map(|line| line.y), y)
 }
 
 /// Lanes fitted by [`fit_lanes`].
@@ -109,6 +114,13 @@ fn centres(lane: &[i16], y: &[f32]) -> (Vec<(i16, f32)>, Vec<i16>) {
         }
     }
     (centres.into_iter().map(|(number, centre, _)| (number, centre)).collect(), misplaced)
+}
+
+/// Number of the lane at `y`, m, between borders from right to left, 1 the leftmost; 0 outside.
+pub(crate) fn lane_between(borders: impl ExactSizeIterator<Item = f32>, y: f32) -> i16 {
+    let count = borders.len();
+    let to_the_right = borders.filter(|border| *border <= y).count();
+    if (1..count).contains(&to_the_right) { (count - to_the_right) as i16 } else { 0 }
 }
 
 /// The median, reordering `values`; the upper one of an even number.

@@ -19,6 +19,7 @@ mod dataset;
 mod discover;
 mod error;
 mod explanation;
+mod file_coordinates;
 mod foreign;
 mod format;
 mod formats;
@@ -37,21 +38,33 @@ mod recording;
 mod scene_edit;
 pub mod schema;
 mod slot;
+mod snapshot;
 mod split;
 mod standardise;
+#[cfg(feature = "readers")]
+mod time_parts;
+mod track_options;
+#[cfg(feature = "readers")]
+mod track_table;
+#[cfg(feature = "readers")]
+mod tracks;
 mod velocity;
 mod window;
 mod window_shape;
 mod windows;
+#[cfg(feature = "readers")]
+mod write;
 
 pub use crate::account::Account;
 pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
 pub use crate::copies::{Copies, Fingerprint, LeftOut, Taken};
 pub use crate::dataset::{Dataset, DatasetNameError};
 pub use crate::discover::{Discovery, FoundFile, FoundFiles, NotRead, discover_with, search};
-pub use crate::error::DataError;
+pub use crate::error::{DataError, TrackProblem};
 pub use crate::explanation::{Cause, Contribution, Explanation, TermForces};
-pub use crate::format::{Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read, survey};
+pub use crate::format::{
+    Expectation, FORMATS, Format, Source, check_rate, discover, format_of, read, read_with, survey,
+};
 pub use crate::ingest_report::{IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource};
 pub use crate::lanes::{LaneFit, fit_lanes};
 pub use crate::leader::{Leader, NAMED_LEADER_SIZE};
@@ -64,9 +77,22 @@ pub use crate::recording::{
 };
 pub use crate::scene_edit::{EditedScene, SPEED_CHANGE_S, SceneEditError};
 pub use crate::slot::{BySlot, SLOTS, Slot};
+pub use crate::snapshot::{FILL_FROM_S, Past, Present, Snapshot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
+#[cfg(feature = "readers")]
+pub use crate::time_parts::{Part, PartSize};
+pub use crate::track_options::TrackOptions;
+#[cfg(feature = "readers")]
+pub use crate::track_table::{
+    DEFAULT_SIZES, LaneNumbers, MAX_TURN_DEGREES, MAX_TURN_OF_FEW_DEGREES, RowPlaces, TableVehicle, TrackLayout,
+    TrackTable, VehicleWord,
+};
+#[cfg(feature = "readers")]
+pub use crate::tracks::{TrackFile, Tracks};
 pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey};
 pub use crate::window_shape::{WindowError, WindowShape};
 pub use crate::windows::{DropCounts, RecordingDrops, WindowConfig, WindowSet};
+#[cfg(feature = "readers")]
+pub use crate::write::{Written, write_fcd, write_fcd_types};
 pub use gnp_force::MarkingKind;

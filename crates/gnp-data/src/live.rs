@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use crate::assemble::{Rows, VehicleBody};
 use crate::dataset::Dataset;
 use crate::error::DataError;
+use crate::lanes::lane_at;
 use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED, MIN_RATE_HZ};
 use crate::recording::{LaneMarking, Recording, RecordingMeta, Road, VehicleClass};
 use crate::window::Observation;
@@ -138,6 +139,14 @@ pub enum LiveError {
         /// A vehicle whose samples differ from those before.
         vehicle: u32,
     },
+    /// A vehicle out of order.
+    #[error("vehicle {vehicle} comes after vehicle {last}; add the vehicles of a moment by growing number, each once")]
+    Number {
+        /// The vehicle.
+        vehicle: u32,
+        /// The one before.
+        last: u32,
+    },
     /// A vehicle that is not there at the last time.
     #[error("vehicle {vehicle} has no sample at the last time of the scene")]
     Absent {
@@ -161,11 +170,7 @@ impl LiveScene {
         if !limits::is_rate(rate_hz) {
             return Err(LiveError::Rate { rate_hz });
         }
-        let grow = lines.windows(2).all(|pair| pair[0].y < pair[1].y);
-        let near = lines.iter().all(|line| limits::is_position([0., line.y]));
-        if !(2..=MAX_LINES).contains(&lines.len()) || !grow || !near {
-            return Err(LiveError::Lines);
-        }
+        check_lines(&lines)?;
         Ok(Self { rate_hz, lines, start_s: None, vehicles: BTreeMap::new(), recording: OnceLock::new() })
     }
 
@@ -271,19 +276,20 @@ impl LiveScene {
         let frame = |frame: i64| u32::try_from(frame.saturating_sub(first)).unwrap_or(u32::MAX - 1);
         let column = |axis: usize| all().map(|(_, _, sample, _)| sample.position[axis]).collect();
         let (vehicle, frames): (Vec<u32>, Vec<u32>) = all().map(|(id, at, ..)| (id, frame(at))).unzip();
-        let lane = all().map(|(_, _, sample, _)| self.lane(sample.position[1])).collect();
+        let lane = all().map(|(_, _, sample, _)| lane_at(&self.lines, sample.position[1])).collect();
         let velocities: Option<Vec<[f32; 2]>> = all().map(|(_, _, sample, _)| sample.velocity).collect();
         let velocity = velocities.map(|v| [0, 1].map(|axis| v.iter().map(|v| v[axis]).collect()));
         let bodies: Vec<VehicleBody> = all().map(|(.., body)| body).collect();
         let rows = Rows { velocity, lane, ..Rows::new(vehicle, frames, column(0), column(1)) };
         let meta = RecordingMeta::new(Dataset::LIVE, "live", "live", self.rate_hz);
-        let road = Road { driving_direction: 2, lines: self.lines.clone(), fitted: false };
+        let road = Road { driving_direction: 2, lines: self.lines.clone(), fitted: false, axis: None };
         Recording::without_report(meta, vec![road], rows, |row| bodies[row])
     }
+}
 
-    /// Number of the lane at `y`, 1 the leftmost; 0 outside the lines.
-    fn lane(&self, y: f32) -> i16 {
-        let to_the_right = self.lines.iter().filter(|line| line.y <= y).count();
-        if (1..self.lines.len()).contains(&to_the_right) { (self.lines.len() - to_the_right) as i16 } else { 0 }
-    }
+/// Refuses lines that make no lane.
+pub(crate) fn check_lines(lines: &[LaneMarking]) -> Result<(), LiveError> {
+    let grow = lines.windows(2).all(|pair| pair[0].y < pair[1].y);
+    let near = lines.iter().all(|line| limits::is_position([0., line.y]));
+    if (2..=MAX_LINES).contains(&lines.len()) && grow && near { Ok(()) } else { Err(LiveError::Lines) }
 }

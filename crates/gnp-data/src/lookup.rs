@@ -35,6 +35,15 @@ impl FrameIndex {
         Self { first, offsets: counts, tracks }
     }
 
+    /// Makes it the index of a single frame, in which `tracks` are present.
+    pub(crate) fn set_only(&mut self, frame: u32, tracks: impl Iterator<Item = u32>) {
+        self.first = frame;
+        self.tracks.clear();
+        self.tracks.extend(tracks);
+        self.offsets.clear();
+        self.offsets.extend([0, self.tracks.len() as u32]);
+    }
+
     /// Tracks present in `frame`, in track order.
     pub(crate) fn present(&self, frame: u32) -> &[u32] {
         let Some(i) = frame.checked_sub(self.first).map(|i| i as usize) else { return &[] };

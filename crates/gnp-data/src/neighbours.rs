@@ -22,7 +22,7 @@ pub struct LanePosition {
 }
 
 /// A vehicle and its place in the list it was given in.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Placed {
     it: LanePosition,
     index: usize,
@@ -47,8 +47,38 @@ struct Placed {
 /// ```
 #[must_use]
 pub fn find_neighbours(vehicles: &[LanePosition]) -> Vec<BySlot<Option<usize>>> {
-    let known = vehicles.iter().enumerate().filter(|(_, it)| it.lane > 0);
-    let mut placed: Vec<Placed> = known.map(|(index, it)| Placed { it: *it, index }).collect();
+    let mut found = Neighbours::default();
+    found.find(vehicles);
+    found.slots
+}
+
+/// What [`find_neighbours`] finds, in buffers that are used again.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Neighbours {
+    slots: Vec<BySlot<Option<usize>>>,
+    /// Vehicles by lane and position.
+    placed: Vec<Placed>,
+}
+
+impl Neighbours {
+    /// Finds those of all vehicles of a moment.
+    pub(crate) fn find(&mut self, vehicles: &[LanePosition]) {
+        let Self { slots, placed } = self;
+        let known = vehicles.iter().enumerate().filter(|(_, it)| it.lane > 0);
+        placed.clear();
+        placed.extend(known.map(|(index, it)| Placed { it: *it, index }));
+        slots.clear();
+        slots.resize(vehicles.len(), BySlot::default());
+        find(placed, slots);
+    }
+
+    /// Those of a vehicle, in the order of [`Slot::ALL`]; none where there is no such vehicle.
+    pub(crate) fn of(&self, vehicle: usize) -> [Option<usize>; SLOTS] {
+        self.slots.get(vehicle).map_or([None; SLOTS], |slots| slots.0)
+    }
+}
+
+fn find(placed: &mut [Placed], slots: &mut [BySlot<Option<usize>>]) {
     placed
         .sort_unstable_by(|a, b| a.it.lane.cmp(&b.it.lane).then(a.it.x.total_cmp(&b.it.x)).then(a.index.cmp(&b.index)));
     let lane_of = |number: i16| {
@@ -56,7 +86,6 @@ pub fn find_neighbours(vehicles: &[LanePosition]) -> Vec<BySlot<Option<usize>>> 
         let to = placed.partition_point(|other| other.it.lane <= number);
         &placed[from..to]
     };
-    let mut slots = vec![BySlot::default(); vehicles.len()];
     for (i, me) in placed.iter().enumerate() {
         let mine = &mut slots[me.index];
         let same = |other: Option<&Placed>| other.filter(|o| o.it.lane == me.it.lane).map(|o| o.index);
@@ -72,7 +101,6 @@ pub fn find_neighbours(vehicles: &[LanePosition]) -> Vec<BySlot<Option<usize>>> 
             }
         }
     }
-    slots
 }
 
 /// Slots of every row; `lane_from_left` gives a lane number of the file its place in the order that

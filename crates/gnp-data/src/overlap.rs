@@ -272,7 +272,7 @@ mod tests {
             tracks.push(Track::new(n as u32 + 1, size, 1, start..columns.x.len()));
         }
         let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", name, 10.);
-        let roads = vec![Road { driving_direction: 2, lines: Vec::new(), fitted: false }];
+        let roads = vec![Road { driving_direction: 2, lines: Vec::new(), fitted: false, axis: None }];
         Recording::from_parts(meta, roads, tracks, columns).unwrap()
     }
 

@@ -1,5 +1,7 @@
 //! A recording from its parts, checked.
 
+use std::collections::BTreeMap;
+
 use crate::error::DataError;
 use crate::limits::{self, MAX_LINES, MAX_POSITION, MAX_RATE_HZ, MAX_SPEED, MIN_RATE_HZ};
 use crate::lookup::FrameIndex;
@@ -32,7 +34,16 @@ impl Recording {
         check_columns(&columns, &tracks, meta.velocities).map_err(fail)?;
         let spans: Vec<(u32, u32)> = tracks.iter().map(|track| (track.first_frame, track.last_frame())).collect();
         let frames = FrameIndex::new(&spans);
-        Ok(Self { meta, roads, tracks, columns, frames, lane_order: None })
+        Ok(Self {
+            meta,
+            roads,
+            tracks,
+            columns,
+            frames,
+            lane_order: None,
+            without_velocity: Vec::new(),
+            names: BTreeMap::new(),
+        })
     }
 }
 
@@ -42,6 +53,9 @@ fn check_meta(meta: &RecordingMeta) -> Result<(), String> {
     }
     if !limits::is_rate(meta.rate_hz) {
         return Err(format!("rate {} Hz; it must be from {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz", meta.rate_hz));
+    }
+    if !meta.start_s.is_finite() {
+        return Err(format!("frame 0 is at {} s; it must be at a finite time", meta.start_s));
     }
     Ok(())
 }

@@ -1,12 +1,15 @@
 //! One recording: every track of one file (or one period of a site), track-major, in SI units.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use gnp_force::MarkingKind;
+use gnp_road::{LaneLinesError, ReferenceLine, check_lane_lines};
 use serde::{Deserialize, Serialize};
 
 use crate::dataset::Dataset;
+use crate::leader::NAMED_LEADER_SIZE;
 use crate::lookup::FrameIndex;
 use crate::slot::{SLOTS, Slot};
 
@@ -20,6 +23,18 @@ pub enum VehicleClass {
     Car,
     /// highD `Truck`, NGSIM class 3; buses as well.
     Truck,
+}
+
+impl VehicleClass {
+    /// Length and width, m, that a vehicle is taken to have where its data does not say.
+    #[must_use]
+    pub const fn default_size(self) -> [f32; 2] {
+        match self {
+            Self::Motorcycle => [2.2, 0.8],
+            Self::Car => NAMED_LEADER_SIZE,
+            Self::Truck => [12., 2.5],
+        }
+    }
 }
 
 /// A lane line of a straight road.
@@ -38,6 +53,16 @@ impl LaneMarking {
         let kind = if boundary { MarkingKind::Boundary } else { MarkingKind::LaneDivider };
         Self { kind, y }
     }
+
+    /// The lines of a carriageway at `offsets`, m, from right to left, positive to the left; the outer two are its edges.
+    ///
+    /// # Errors
+    /// [`LaneLinesError`] for offsets that make no lanes.
+    pub fn of_carriageway(offsets: &[f64]) -> Result<Vec<Self>, LaneLinesError> {
+        check_lane_lines(offsets)?;
+        let edge = |i: usize| i == 0 || i + 1 == offsets.len();
+        Ok(offsets.iter().enumerate().map(|(i, y)| Self::new(*y as f32, edge(i))).collect())
+    }
 }
 
 /// A carriageway: the lanes of one driving direction.
@@ -49,6 +74,9 @@ pub struct Road {
     pub lines: Vec<LaneMarking>,
     /// Whether `lines` were fitted from lane numbers and positions instead of being given.
     pub fitted: bool,
+    /// Where the carriageway's frame lies in the plane of the file it comes from, in m; `None` where that is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<ReferenceLine>,
 }
 
 /// Where the velocities of a recording come from.
@@ -79,6 +107,15 @@ pub struct RecordingMeta {
     pub simulated: bool,
     /// Where velocities come from.
     pub velocities: VelocitySource,
+    /// Time of frame 0 in the clock of the data, s; 0 where the data counts frames alone.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub start_s: f64,
+}
+
+/// Recordings that start at 0 are kept as before there was a start.
+#[expect(clippy::trivially_copy_pass_by_ref)] // serde hands out a reference
+fn is_zero(value: &f64) -> bool {
+    *value == 0.
 }
 
 impl RecordingMeta {
@@ -86,13 +123,25 @@ impl RecordingMeta {
     #[must_use]
     pub fn new(dataset: Dataset, site: impl Into<String>, name: impl Into<String>, rate_hz: f64) -> Self {
         let (site, name, velocities) = (site.into(), name.into(), VelocitySource::Derived);
-        Self { dataset, site, name, rate_hz, simulated: false, velocities }
+        Self { dataset, site, name, rate_hz, simulated: false, velocities, start_s: 0. }
+    }
+
+    /// Time of a frame in the clock of the data, s.
+    #[must_use]
+    pub fn time_s(&self, frame: u32) -> f64 {
+        self.start_s + f64::from(frame) / self.rate_hz
     }
 
     /// The same, made by a simulator or not.
     #[must_use]
     pub fn with_simulated(self, simulated: bool) -> Self {
         Self { simulated, ..self }
+    }
+
+    /// The same with frame 0 at `start_s`, s.
+    #[must_use]
+    pub fn with_start(self, start_s: f64) -> Self {
+        Self { start_s, ..self }
     }
 
     /// The same with velocities from elsewhere.
@@ -204,6 +253,10 @@ pub struct Recording {
     pub(crate) frames: FrameIndex,
     /// Place of each lane number in the order from the left, 1 leftmost, where neighbours were found from lanes.
     pub(crate) lane_order: Option<LaneOrder>,
+    /// Tracks of one row whose velocity is not known where others' are recorded: in a [`Snapshot`](crate::Snapshot) alone.
+    pub(crate) without_velocity: Vec<u32>,
+    /// Names of vehicles whose names in the data are no numbers.
+    pub(crate) names: BTreeMap<u32, String>,
 }
 
 /// Lane numbers of the data, each with its place in the order from the left.
@@ -232,6 +285,31 @@ impl Recording {
     #[must_use]
     pub fn columns(&self) -> &Columns {
         &self.columns
+    }
+
+    /// Name of a vehicle in the data: the number itself where the data has numbers.
+    #[must_use]
+    pub fn vehicle_name(&self, vehicle: u32) -> Cow<'_, str> {
+        self.names.get(&vehicle).map_or_else(|| vehicle.to_string().into(), |name| name.as_str().into())
+    }
+
+    /// The vehicle that has this name in the data.
+    #[must_use]
+    pub fn vehicle_named(&self, name: &str) -> Option<u32> {
+        if self.names.is_empty() {
+            let vehicle = name.trim().parse().ok()?;
+            return self.tracks.binary_search_by_key(&vehicle, |track| track.vehicle).ok().map(|_| vehicle);
+        }
+        self.names.iter().find(|(_, have)| *have == name).map(|(vehicle, _)| *vehicle)
+    }
+
+    /// The same with names of vehicles, as [`Recording::vehicle_name`] gives them; of vehicles without a track none is
+    /// kept.
+    #[must_use]
+    pub fn with_vehicle_names(mut self, mut names: BTreeMap<u32, String>) -> Self {
+        names.retain(|vehicle, _| self.tracks.binary_search_by_key(vehicle, |track| track.vehicle).is_ok());
+        self.names = names;
+        self
     }
 
     /// Number of rows.

@@ -86,13 +86,18 @@ impl EditedScene {
         let there = from.present(frame).iter().copied();
         let kept: Vec<u32> = there.filter(|track| from.tracks()[*track as usize].road == road).collect();
         let place = |track: u32| kept.binary_search(&track).map_or(NO_TRACK, |place| place as u32);
+        // In a snapshot the target may be predicted from another track than the others see.
+        let target = |track: u32| {
+            let same = from.tracks()[track as usize].vehicle == observation.vehicle();
+            if same { observation.track_index() } else { track as usize }
+        };
 
         let mut tracks = Vec::with_capacity(kept.len());
         let mut columns = Columns::default();
         let all = from.columns();
         let mut leaders = all.named_leader.as_ref().map(|_| Vec::new());
-        for index in &kept {
-            let track = &from.tracks()[*index as usize];
+        for index in kept.iter().map(|index| target(*index)) {
+            let track = &from.tracks()[index];
             let first_frame = track.first_frame.max(start);
             let (Some(first), Some(last)) = (track.row_at(first_frame), track.row_at(frame)) else { continue };
             let begin = columns.x.len();
@@ -100,7 +105,7 @@ impl EditedScene {
             columns.y.extend_from_slice(&all.y[first..=last]);
             columns.lane.extend_from_slice(&all.lane[first..=last]);
             // The last stored velocity may know the next row.
-            let now = from.velocity_one_sided(*index as usize, last).unwrap_or_default();
+            let now = from.velocity_one_sided(index, last).unwrap_or_default();
             columns.vx.extend(all.vx[first..last].iter().chain([&now[0]]));
             columns.vy.extend(all.vy[first..last].iter().chain([&now[1]]));
             columns.neighbours.resize(columns.x.len() - 1, [NO_TRACK; SLOTS]);
@@ -112,7 +117,8 @@ impl EditedScene {
         }
         columns.named_leader = leaders;
         let recording = Recording::from_parts(from.meta().clone(), from.roads().to_vec(), tracks, columns)?;
-        let recording = Recording { lane_order: from.lane_order.clone(), ..recording };
+        let recording =
+            Recording { lane_order: from.lane_order.clone(), ..recording }.with_vehicle_names(from.names.clone());
         Ok(Self { recording, shape, target: observation.track().vehicle, frame })
     }
 
@@ -203,7 +209,8 @@ impl EditedScene {
     fn rebuilt(&self, tracks: Vec<Track>, columns: Columns) -> Result<Self, DataError> {
         let old = &self.recording;
         let recording = Recording::from_parts(old.meta().clone(), old.roads().to_vec(), tracks, columns)?;
-        Ok(Self { recording: Recording { lane_order: old.lane_order.clone(), ..recording }, ..*self })
+        let recording = Recording { lane_order: old.lane_order.clone(), ..recording };
+        Ok(Self { recording: recording.with_vehicle_names(old.names.clone()), ..*self })
     }
 
     /// Tracks whose last row names `vehicle`, which has no track, as leader.

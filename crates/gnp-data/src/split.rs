@@ -85,7 +85,7 @@ pub struct SplitConfig {
     pub train: f64,
     /// Share of the validation part.
     pub validation: f64,
-    /// Share of the test part.
+    /// Share of the test part; 0 leaves nothing to test, for a model that is trained on all there is.
     pub test: f64,
     /// Seed of every draw.
     pub seed: u64,
@@ -103,7 +103,7 @@ impl SplitConfig {
     pub const RANGES: [(&'static str, f64, f64, &'static str); 6] = [
         ("train", 1e-6, 1. - 1e-6, "of the windows"),
         ("validation", 1e-6, 1. - 1e-6, "of the windows"),
-        ("test", 1e-6, 1. - 1e-6, "of the windows"),
+        ("test", 0., 1. - 1e-6, "of the windows (0: nothing is tested)"),
         ("folds", 1., 1000., "folds (1: a single split)"),
         ("fold", 1., 1000., ""),
         // The largest number of TOML.
@@ -113,8 +113,8 @@ impl SplitConfig {
     /// Checks shares and folds.
     ///
     /// # Errors
-    /// When a share is not above 0, or they do not sum to 1; when the fold is not one of the folds,
-    /// or there are several of a kind that cannot be dealt into folds (`time`).
+    /// When a share of training or validation is not above 0, or the three do not sum to 1; when the fold is not one of the
+    /// folds, there are several and nothing is to be tested, or several of a kind that cannot be dealt into folds (`time`).
     pub fn check(&self) -> Result<(), DataError> {
         let values = [self.train, self.validation, self.test, self.folds as f64];
         for ((key, least, most, unit), value) in Self::RANGES.into_iter().zip(values) {
@@ -131,6 +131,10 @@ impl SplitConfig {
         if !(1..=self.folds).contains(&self.fold) {
             let problem = format!("is none of the {} folds, which are counted from 1", self.folds);
             return Err(DataError::BadValue { key: "fold", value: self.fold.to_string(), problem });
+        }
+        if self.folds > 1 && self.test == 0. {
+            let problem = "is 0, but each fold is tested; give a share, or split.folds = 1".to_owned();
+            return Err(DataError::BadValue { key: "test", value: self.test.to_string(), problem });
         }
         let mut kinds = self.sites.values().chain([&self.kind]);
         if self.folds > 1 && kinds.any(|kind| *kind == SplitKind::Time) {
@@ -218,7 +222,7 @@ impl Split {
             dropped_at_boundary.extend(assigned.dropped_at_boundary);
             dropped_drivers.extend(assigned.dropped_drivers);
             for (part, ids) in Subset::ALL.into_iter().zip(assigned.parts) {
-                if ids.is_empty() {
+                if ids.is_empty() && !(part == Subset::Test && config.test == 0.) {
                     let sites = kinds.iter().filter(|(_, k)| **k == kind).map(|(site, _)| site.clone()).collect();
                     return Err(DataError::EmptyPart {
                         part: part.name(),

@@ -12,6 +12,7 @@ impl Recording {
     pub fn velocity_one_sided(&self, track: usize, row: usize) -> Option<[f32; 2]> {
         let c = &self.columns;
         match self.meta.velocities {
+            VelocitySource::Recorded if self.without_velocity.binary_search(&(track as u32)).is_ok() => None,
             VelocitySource::Recorded => Some([c.vx[row], c.vy[row]]),
             VelocitySource::Derived if row > self.tracks[track].rows.start => {
                 let rate = self.meta.rate_hz as f32;

@@ -157,6 +157,12 @@ impl<'a> Observation<'a> {
         self.track().vehicle
     }
 
+    /// Index of the target's carriageway in [`Recording::roads`].
+    #[must_use]
+    pub fn road(&self) -> u16 {
+        self.track().road
+    }
+
     /// Site of the recording.
     #[must_use]
     pub fn site(&self) -> &'a str {
@@ -225,10 +231,11 @@ impl<'a> Observation<'a> {
     /// Every other vehicle of the target's carriageway present at the last observed frame.
     pub fn others(&self) -> impl Iterator<Item = Neighbour<'a>> + use<'a> {
         let this = *self;
-        let road = this.track().road;
+        let Track { vehicle, road, .. } = *this.track();
         this.recording.present(this.frame()).iter().map(|track| *track as usize).filter_map(move |track| {
-            let same_road = this.recording.tracks()[track].road == road;
-            (track != this.track && same_road).then_some(Neighbour { observation: this, track })
+            // In a snapshot a vehicle may have another track than the one it is predicted from.
+            let other = &this.recording.tracks()[track];
+            (other.vehicle != vehicle && other.road == road).then_some(Neighbour { observation: this, track })
         })
     }
 

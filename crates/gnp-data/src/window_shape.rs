@@ -36,6 +36,21 @@ impl WindowShape {
         if positive && whole { Ok(()) } else { Err(WindowError::Shape { shape: *self }) }
     }
 
+    /// The same windows in a recording of another rate, by whole steps; `None` where that rate is no whole multiple of the
+    /// windows'.
+    #[must_use]
+    pub fn at_rate(&self, recording_hz: f64) -> Option<Self> {
+        let step = (recording_hz / self.rate_hz).round();
+        let whole = step >= 1. && same_rate(recording_hz, self.rate_hz * step);
+        whole.then_some(Self { step: step as usize, ..*self })
+    }
+
+    /// Time from the first observed frame to the last one, s.
+    #[must_use]
+    pub fn observed_s(&self) -> f64 {
+        self.t_obs.saturating_sub(1) as f64 / self.rate_hz
+    }
+
     /// Period of the window's frames, s.
     #[must_use]
     pub fn dt(&self) -> f64 {

@@ -84,7 +84,7 @@ impl Format for MadeUp {
         let x = km.iter().map(|km| km * 1000. + 2.).collect();
         let y: Vec<f32> = offset.iter().map(|offset| -offset / 100.).collect();
         let lane: Vec<i16> = lane.iter().map(|lane| *lane as i16).collect();
-        let road = Road { driving_direction: 2, lines: fit_lanes(&lane, &y).lines, fitted: true };
+        let road = Road { driving_direction: 2, lines: fit_lanes(&lane, &y).lines, fitted: true, axis: None };
         let mut rows = Rows::new(vehicle, frame, x, y);
         rows.lane = lane;
         let site = source.site.clone().unwrap_or_default();
@@ -164,7 +164,10 @@ fn descriptions_name_columns_and_units() {
         assert!(text.contains(column), "{column}:\n{text}");
     }
     let names: Vec<&str> = FORMATS.iter().map(|format| format.title()).collect();
-    assert_eq!(names, if cfg!(feature = "readers") { &["NGSIM", "highD"][..] } else { &[] });
+    assert_eq!(
+        names,
+        if cfg!(feature = "readers") { &["NGSIM", "highD", "Plain tracks", "Argoverse 2"][..] } else { &[] }
+    );
     for format in FORMATS {
         assert!(describe(*format).starts_with(format.title()) && format.rate_hz() > 0.);
         assert_eq!(format_of(format.dataset()).unwrap().title(), format.title());

@@ -299,6 +299,7 @@ fn shares_that_cannot_be_are_refused() {
         (SplitConfig { train: 0.8, ..good.clone() }, "train"),
         (SplitConfig { validation: 0., test: 0.3, ..good.clone() }, "validation"),
         (SplitConfig { test: f64::NAN, ..good.clone() }, "test"),
+        (SplitConfig { validation: 0.3, test: 0., folds: 3, ..good.clone() }, "test"),
         (SplitConfig { train: -0.7, ..good.clone() }, "train"),
         (SplitConfig { folds: 3, fold: 4, ..good.clone() }, "fold"),
         (SplitConfig { fold: 0, ..good.clone() }, "fold"),
@@ -309,6 +310,20 @@ fn shares_that_cannot_be_are_refused() {
         assert!(error.contains(key), "{error}");
     }
     good.check().unwrap();
+}
+
+#[test]
+fn with_no_share_to_test_everything_trains_or_validates() {
+    let recordings = scenes("s");
+    let (set, _) = WindowSet::cut(&recordings, &short_windows()).unwrap();
+    for kind in [SplitKind::Recording, SplitKind::Vehicle, SplitKind::Window] {
+        let config = SplitConfig { train: 0.9, validation: 0.1, test: 0., ..config(kind, 3) };
+        let split = Split::new(&set, &config, &[]).unwrap();
+        assert!(split.test().is_empty() && !split.validation().is_empty(), "{kind:?}");
+        assert_eq!(split.train().len() + split.validation().len(), set.len(), "{kind:?}");
+        let share = split.train().len() as f64 / set.len() as f64;
+        assert!((0.8..0.97).contains(&share), "{kind:?}: {share}");
+    }
 }
 
 #[test]

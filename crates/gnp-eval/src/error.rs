@@ -159,6 +159,23 @@ pub enum EvalError {
         #[source]
         source: parquet::errors::ParquetError,
     },
+    /// Nothing to join.
+    #[error("{}: there are no forecasts to write", path.display())]
+    NoParts {
+        /// The file that was to be made.
+        path: PathBuf,
+    },
+    /// Parts of a file that do not go together.
+    #[error(
+        "{} has other columns than {}: they are of different models or versions; predict both anew", path.display(),
+        first.display()
+    )]
+    OtherColumns {
+        /// The part.
+        path: PathBuf,
+        /// The first part.
+        first: PathBuf,
+    },
     /// A prediction file is not readable Parquet.
     #[error("{}: cannot be read as Parquet{}", path.display(), codec(source))]
     Parquet {

@@ -39,8 +39,8 @@ pub use crate::evaluation::{Evaluation, Setting};
 pub use crate::manoeuvre::{BARE_CHANGE_M, BRAKE_MPS2, CHANGE_M, Manoeuvre};
 pub use crate::metric::{BEGUN_M, BEGUN_S, Direction, MISS_M, Metric, MetricKind, Unit};
 pub use crate::predictions::{
-    ColumnInfo, Coverage, Detail, FARTHEST_M, Prediction, PredictionWriter, Predictions, Provenance,
-    prediction_columns, read_predictions,
+    ColumnInfo, Coverage, Detail, FARTHEST_M, ForecastOf, ForecastWriter, Prediction, PredictionWriter, Predictions,
+    Provenance, forecast_columns, join_forecasts, prediction_columns, read_predictions,
 };
 pub use crate::protocol::Protocol;
 pub use crate::score::{ALL_SITES, Score, load_scores, save_scores};

@@ -3,6 +3,7 @@
 //! [`prediction_columns`] is the schema. Anyone's file can be read and scored as long as it has the
 //! required columns: [`Predictions`] is a predictor that answers with what the file holds.
 
+mod forecasts;
 mod reader;
 mod schema;
 mod shares;
@@ -12,6 +13,7 @@ use std::collections::BTreeMap;
 
 use gnp_data::{Forecast, Observation, PredictError, Predictor, Window, WindowKey};
 
+pub use crate::predictions::forecasts::{ForecastOf, ForecastWriter, forecast_columns, join_forecasts};
 pub use crate::predictions::reader::{Detail, FARTHEST_M, read_predictions};
 pub use crate::predictions::schema::{ColumnInfo, Provenance, prediction_columns};
 pub use crate::predictions::writer::PredictionWriter;

@@ -29,7 +29,7 @@ fn recording(lateral: &dyn Fn(f32) -> f32, known: bool, lines: usize) -> Recordi
     }
     let kinds = [MarkingKind::Boundary, MarkingKind::LaneDivider, MarkingKind::LaneDivider, MarkingKind::Boundary];
     let lines = kinds.into_iter().zip(0..).take(lines).map(|(kind, i)| LaneMarking { kind, y: LANE_M * i as f32 });
-    let road = Road { driving_direction: 2, lines: lines.collect(), fitted: true };
+    let road = Road { driving_direction: 2, lines: lines.collect(), fitted: true, axis: None };
     let track = Track::new(1, [4., 2.], 100, 0..columns.x.len());
     let meta = RecordingMeta::new(Dataset::NGSIM, "s", "a", RATE_HZ);
     Recording::from_parts(meta, vec![road], vec![track], columns).unwrap()

@@ -27,7 +27,7 @@ pub use crate::json::{json_line, load_json, parse_json, save_json};
 pub use crate::lock::{Lock, LockError, Owner};
 pub use crate::seal::{Seal, sha256};
 pub use crate::temporary::{Draft, Temporary, beside, copy, save, sweep, sweep_drafts};
-pub use crate::tensors::{Array, FileHeader, Values, load_arrays, save_arrays};
+pub use crate::tensors::{Array, FileHeader, Values, load_arrays, parse_arrays, save_arrays};
 
 /// A file that cannot be written, read or used.
 #[derive(Debug, thiserror::Error)]

@@ -42,6 +42,12 @@ impl Seal {
         }
     }
 
+    /// What bytes in memory are.
+    #[must_use]
+    pub fn of_bytes(bytes: &[u8]) -> Self {
+        Self { bytes: bytes.len() as u64, sha256: sha256([bytes]) }
+    }
+
     /// Whether the file at `path` holds this still. One of another size is not read.
     ///
     /// # Errors
@@ -82,6 +88,7 @@ mod tests {
         let path = folder.path().join("a");
         std::fs::write(&path, vec![7; BUFFER + 3]).unwrap();
         let seal = Seal::of(&path).unwrap();
+        assert_eq!(seal, Seal::of_bytes(&vec![7; BUFFER + 3]));
         assert_eq!(seal.bytes, BUFFER as u64 + 3);
         assert!(seal.fits(&path).unwrap());
         for last in [b"\x07\x07".as_slice(), b"\x07\x07\x06"] {

@@ -152,12 +152,20 @@ pub fn save_arrays<H: FileHeader>(path: &Path, header: &H, arrays: &BTreeMap<Str
 /// # Errors
 /// For a file that is missing, damaged, of another kind or of another version, or that has a value that is not finite.
 pub fn load_arrays<H: FileHeader>(path: &Path) -> Result<(H, BTreeMap<String, Array>), FileError> {
+    let bytes = std::fs::read(path).map_err(|error| FileError::new(path, format!("cannot be read: {error}")))?;
+    parse_arrays(path, &bytes)
+}
+
+/// As [`load_arrays`], of the bytes of a file that is in memory; `path` names it in messages.
+///
+/// # Errors
+/// As [`load_arrays`].
+pub fn parse_arrays<H: FileHeader>(path: &Path, bytes: &[u8]) -> Result<(H, BTreeMap<String, Array>), FileError> {
     let fail = |problem: String| FileError::new(path, problem);
-    let bytes = std::fs::read(path).map_err(|error| fail(format!("cannot be read: {error}")))?;
     let damaged = |error: &dyn Display| {
         fail(format!("is not a whole safetensors file ({error}): copy it again or {}", H::REMEDY))
     };
-    let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(&error))?;
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| damaged(&error))?;
     let text = metadata.metadata().as_ref().and_then(|entries| entries.get(H::KEY));
     let text = text.ok_or_else(|| fail(format!("has no `{}` header: it is not {}", H::KEY, H::WHAT)))?;
     let unreadable =
@@ -167,13 +175,13 @@ pub fn load_arrays<H: FileHeader>(path: &Path) -> Result<(H, BTreeMap<String, Ar
         return Err(fail(format!("has format {format}, this version reads {}: {}", H::FORMAT, H::REMEDY)));
     }
     let sum = sum.ok_or_else(|| fail(format!("has no checksum, it is of an earlier version: {}", H::REMEDY)))?;
-    let place = Some(&sum).filter(|sum| sum.len() == ZEROS.len()).and_then(|sum| place_of(sum, &bytes));
-    let place = place.filter(|place| checksum(&bytes, *place) == sum);
+    let place = Some(&sum).filter(|sum| sum.len() == ZEROS.len()).and_then(|sum| place_of(sum, bytes));
+    let place = place.filter(|place| checksum(bytes, *place) == sum);
     if place.is_none() {
         return Err(fail(format!("differs from what was written: copy it again or {}", H::REMEDY)));
     }
     let Read { header } = serde_json::from_str(text).map_err(unreadable)?;
-    let file = SafeTensors::deserialize(&bytes).map_err(|error| damaged(&error))?;
+    let file = SafeTensors::deserialize(bytes).map_err(|error| damaged(&error))?;
     let array = |(name, view): (String, TensorView<'_>)| match Array::of(&view) {
         Some(array) => Ok((name, array)),
         None => Err(fail(format!("array `{name}` is {:?}, expected F32, F64 or U64", view.dtype()))),

@@ -27,7 +27,7 @@
 //! }
 //! let mut rows = Rows::new(vehicle, frame, x.clone(), vec![0.; x.len()]);
 //! rows.lane = vec![1; x.len()];
-//! let road = Road { driving_direction: 2, lines: vec![], fitted: false };
+//! let road = Road { driving_direction: 2, lines: vec![], fitted: false, axis: None };
 //! let meta = RecordingMeta::new(Dataset::LIVE, "nowhere", "ten cars", 10.);
 //! let body = |_| VehicleBody { class: VehicleClass::Car, length: 5., width: 2., road: 0 };
 //! let (recording, _) = Recording::from_rows(meta, vec![road], rows, body)?;

@@ -30,6 +30,39 @@ pub enum ModelError {
         /// What came.
         found: WindowShape,
     },
+    /// Nothing that could be a model.
+    #[error(
+        "there is no model at {}: {seen}. A model folder has card.json, modes.safetensors, goal.safetensors and \
+         repulsion.safetensors, a run folder run.json and the same weights; `gnp export --run RUN --out DIR` makes a model \
+         folder of a trained run", path.display()
+    )]
+    NoModel {
+        /// Where it was looked for.
+        path: PathBuf,
+        /// What is there instead.
+        seen: String,
+    },
+    /// A model folder of another version of its layout.
+    #[error(
+        "{} has format {found}, this version reads {reads}: take a version of this program that is as new as the one that \
+         wrote it, or export the model again", path.display()
+    )]
+    CardFormat {
+        /// The card.
+        path: PathBuf,
+        /// Its format.
+        found: u32,
+        /// The format that is read.
+        reads: u32,
+    },
+    /// A file of a model folder that is not what was written.
+    #[error("{} {problem}: copy the model folder again, or export it again", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
     /// A checkpoint that cannot be read or does not fit.
     #[error("{}: {problem}", path.display())]
     Checkpoint {
@@ -95,6 +128,10 @@ impl ModelError {
 
     pub(crate) fn weights(part: Component, error: &dyn std::error::Error) -> Self {
         Self::Weights { part, problem: chain(error) }
+    }
+
+    pub(crate) fn changed(path: &std::path::Path, problem: String) -> Self {
+        Self::Changed { path: path.to_owned(), problem }
     }
 
     pub(crate) fn checkpoint(path: &std::path::Path, problem: impl Into<String>) -> Self {

@@ -81,21 +81,31 @@ impl Gnp {
         let modes = Modes::load(&folder.join("modes.safetensors"))?;
         let path = folder.join("goal.safetensors");
         let goal = Checkpoint::load(&path)?;
-        goal.header.expect(&path, Component::Goal, None)?;
         let force_path = folder.join("repulsion.safetensors");
         if !force_path.exists() {
             let problem = "is missing: train it (`gnp train --stage repulsion`), or make a model of less by `Gnp::new`";
             return Err(ModelError::checkpoint(&force_path, problem));
         }
         let force = Checkpoint::load(&force_path)?;
-        force.header.expect(&force_path, Component::Repulsion, Some(goal.header.shape))?;
+        Self::of_files((modes, goal, force), [&path, &force_path], neighbours, device)
+    }
+
+    /// The predictor of what files hold, which are named in messages: of the goal network and of the force.
+    pub(crate) fn of_files(
+        (modes, goal, force): (Modes, Checkpoint, Checkpoint),
+        [path, force_path]: [&Path; 2],
+        neighbours: NeighbourFuture,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
+        goal.header.expect(path, Component::Goal, None)?;
+        force.header.expect(force_path, Component::Repulsion, Some(goal.header.shape))?;
         if force.header.split_hash != goal.header.split_hash {
             let problem = "was trained on another split than the goal network: train both on one split";
-            return Err(ModelError::checkpoint(&force_path, problem));
+            return Err(ModelError::checkpoint(force_path, problem));
         }
         Self::new(modes, &goal, Some(&force), neighbours, device).map_err(|error| match error {
             ModelError::Weights { part, problem } => {
-                let path = if part == Component::Goal { &path } else { &force_path };
+                let path = if part == Component::Goal { path } else { force_path };
                 ModelError::checkpoint(path, format!("does not hold this network ({problem}): train again"))
             }
             other => other,

@@ -1,14 +1,16 @@
 //! GNP as one predictor: observed windows in, goals, paths and the forces behind them out.
 //!
-//! [`Gnp::load`] reads a run folder (modes, goal network, social force) and implements
-//! [`gnp_data::Predictor`]. [`Features`] turns windows into what the networks take, the same for
+//! [`Gnp::open`] reads a model folder, [`ModelFolder`], and [`Gnp::load`] the same weights (modes, goal network, social
+//! force) of a run folder; both give a [`gnp_data::Predictor`]. [`Features`] turns windows into what the networks take, the same for
 //! training and prediction. [`Checkpoint`] is the file format of the weights.
 
 mod augmented_view;
+mod card;
 mod checkpoint;
 mod contributions;
 mod error;
 mod features;
+mod folder;
 mod following;
 mod forecasts;
 mod gnp;
@@ -20,9 +22,13 @@ mod situation;
 mod trust;
 
 pub use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
+pub use crate::card::{
+    CardScore, CardScores, CardWindows, CardWords, ModelCard, PredictSettings, TrainingData, TrainingRecord,
+};
 pub use crate::checkpoint::{Checkpoint, Component, Header, Origin};
 pub use crate::error::ModelError;
 pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation, SeenNeighbours};
+pub use crate::folder::ModelFolder;
 pub use crate::forecasts::{Forecasts, TermTotals};
 pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
 pub use crate::predict_into::Workspace;

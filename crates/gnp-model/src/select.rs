@@ -18,6 +18,18 @@ pub enum Selection {
     Central,
 }
 
+impl Selection {
+    /// Name in configurations and files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MostProbable => "most_probable",
+            Self::Medoids => "medoids",
+            Self::Central => "central",
+        }
+    }
+}
+
 /// Goals chosen by [`Selection::Medoids`]: indices into `goals`, with the probability of the goals each is nearest to,
 /// likeliest first but behind `first`, which is taken in any case. `goals` are in m; `probabilities` sum to 1.
 ///

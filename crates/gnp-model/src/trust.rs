@@ -107,6 +107,12 @@ impl Gnp {
         Ok(gnp)
     }
 
+    /// Share of what the network expects on average beyond the reference path that is believed, 0 to 1.
+    #[must_use]
+    pub fn trust(&self) -> f32 {
+        self.trust
+    }
+
     /// Whether futures are deviations from a reference path.
     pub(crate) fn has_reference(&self) -> bool {
         self.trained.features.mode_frame() != ModeFrame::Position

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use gnp_file::{Array, FileError, FileHeader, Values, load_arrays, save_arrays};
+use gnp_file::{Array, FileError, FileHeader, Values, load_arrays, parse_arrays, save_arrays};
 use serde::{Deserialize, Serialize};
 
 use crate::error::ModeError;
@@ -51,7 +51,18 @@ impl Modes {
     /// # Errors
     /// [`ModeError::File`] when the file cannot be read, is damaged or holds something else.
     pub fn load(path: &Path) -> Result<Self, ModeError> {
-        let (header, arrays) = load_arrays(path)?;
+        Self::read(path, load_arrays(path)?)
+    }
+
+    /// As [`Modes::load`], of the bytes of such a file; `path` names it in messages.
+    ///
+    /// # Errors
+    /// As [`Modes::load`].
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, ModeError> {
+        Self::read(path, parse_arrays(path, bytes)?)
+    }
+
+    fn read(path: &Path, (header, arrays): (Header, BTreeMap<String, Array>)) -> Result<Self, ModeError> {
         let modes = Self::of(header, arrays);
         modes.map_err(|problem| FileError::new(path, format!("{problem}: {}", Header::REMEDY)).into())
     }

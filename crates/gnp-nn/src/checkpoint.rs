@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use candle_core::{DType, Device, Tensor};
-use gnp_file::{Array, FileError, FileHeader, Values, load_arrays, save_arrays};
+use gnp_file::{Array, FileError, FileHeader, Values, load_arrays, parse_arrays, save_arrays};
 
 /// A header and named tensors, on the CPU, f32.
 #[derive(Clone, Debug)]
@@ -38,7 +38,18 @@ impl<H: FileHeader> Checkpoint<H> {
     /// # Errors
     /// For a file that is missing, damaged, of another program or of another format version.
     pub fn load(path: &Path) -> Result<Self, FileError> {
-        let (header, arrays) = load_arrays(path)?;
+        Self::of(path, load_arrays(path)?)
+    }
+
+    /// As [`Checkpoint::load`], of the bytes of such a file; `path` names it in messages.
+    ///
+    /// # Errors
+    /// As [`Checkpoint::load`].
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, FileError> {
+        Self::of(path, parse_arrays(path, bytes)?)
+    }
+
+    fn of(path: &Path, (header, arrays): (H, BTreeMap<String, Array>)) -> Result<Self, FileError> {
         let tensor = |(name, Array { shape, values }): (String, Array)| {
             let Values::F32(values) = values else {
                 return Err(FileError::new(path, format!("tensor `{name}` is not of type F32")));

@@ -141,6 +141,6 @@ fn read(file: &Path, rate_hz: f64, simulated: bool) -> Result<Recording, Box<dyn
     let roads = road.iter().fold(0, |most: u16, road| most.max(*road as u16)) + 1;
     let name = file.file_stem().map_or_else(|| "tracks".to_owned(), |stem| stem.to_string_lossy().into_owned());
     let meta = RecordingMeta::new(Dataset::LIVE, "file", name, rate_hz).with_simulated(simulated);
-    let none = Road { driving_direction: 2, lines: Vec::new(), fitted: false };
+    let none = Road { driving_direction: 2, lines: Vec::new(), fitted: false, axis: None };
     Ok(Recording::from_rows(meta, vec![none; roads.into()], rows, body)?.0)
 }

@@ -21,7 +21,7 @@ fn recording() -> Recording {
         .with_simulated(true)
         .with_velocities(VelocitySource::Recorded);
     let lines = |y| [y, y + 4.].map(|y| LaneMarking { kind: MarkingKind::Boundary, y }).to_vec();
-    let road = |driving_direction, y| Road { driving_direction, lines: lines(y), fitted: false };
+    let road = |driving_direction, y| Road { driving_direction, lines: lines(y), fitted: false, axis: None };
     let track = |vehicle, class, rows| {
         let mut track = Track::new(vehicle, [11., 2.5], 40, rows);
         (track.road, track.class) = (1, class);

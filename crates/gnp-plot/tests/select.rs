@@ -41,7 +41,7 @@ fn recording(vehicles: &[(f32, f32, f32)]) -> Recording {
         tracks.push(Track::new(vehicle as u32, [4.5, 1.8], 1, start..columns.x.len()));
     }
     let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", "made up", 10.).with_simulated(true);
-    let road = Road { driving_direction: 2, lines, fitted: false };
+    let road = Road { driving_direction: 2, lines, fitted: false, axis: None };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }
 

@@ -32,7 +32,7 @@ impl Recorder {
         let lines = if road.lines().is_empty() { open_road() } else { road.lines().iter().map(marking).collect() };
         Self {
             meta: RecordingMeta::new(Dataset::LIVE, site, name, rate_hz).with_simulated(true),
-            road: Road { driving_direction: 2, lines, fitted: false },
+            road: Road { driving_direction: 2, lines, fitted: false, axis: None },
             lanes: road.lanes(),
             frame: 0,
             rows: Rows::new(Vec::new(), Vec::new(), Vec::new(), Vec::new()),

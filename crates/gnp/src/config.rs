@@ -5,7 +5,7 @@ mod ranges;
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Context as _, Error, Result, bail};
 use gnp_data::{Dataset, SplitConfig, WindowConfig};
@@ -27,10 +27,11 @@ pub(crate) use self::keys::first_difference;
 const REFERENCE: &str = include_str!("../configs/smoke.toml");
 
 /// The configurations that come with the project.
-const EMBEDDED: [(&str, &str); 5] = [
+const EMBEDDED: [(&str, &str); 6] = [
     ("ngsim", include_str!("../configs/ngsim.toml")),
     ("highd", include_str!("../configs/highd.toml")),
     ("smoke", REFERENCE),
+    ("pretrained/ngsim", include_str!("../configs/pretrained/ngsim.toml")),
     ("paper/ngsim", include_str!("../configs/paper/ngsim.toml")),
     ("paper/highd", include_str!("../configs/paper/highd.toml")),
 ];
@@ -76,6 +77,22 @@ pub struct DataConfig {
     pub rate_hz: f64,
     /// Files or file groups to read, the first by name; 0 reads all.
     pub max_recordings: usize,
+    /// File of the road's line, for tracks in a plane on a road that curves: `--road`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub road: Option<PathBuf>,
+    /// Where lane lines lie beside that line, m, from right to left, positive to the left: `--lines`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lane_lines: Option<Vec<f64>>,
+}
+
+impl DataConfig {
+    /// Replaces what is said of the road; a line from a file comes with the lane lines of that file unless others are given.
+    pub fn set_road(&mut self, file: Option<PathBuf>, lane_lines: Option<Vec<f64>>) {
+        if file.is_some() || lane_lines.is_some() {
+            self.lane_lines = lane_lines;
+        }
+        self.road = file.or(self.road.take());
+    }
 }
 
 /// `[goal]`: the network, what it learns, how it is trained.
@@ -118,7 +135,8 @@ pub struct PredictConfig {
 }
 
 impl RunConfig {
-    /// A configuration that comes with the project: `ngsim`, `highd`, `smoke`, `paper/ngsim` or `paper/highd`.
+    /// A configuration that comes with the project: `ngsim`, `highd`, `smoke`, `pretrained/ngsim`, `paper/ngsim` or
+    /// `paper/highd`.
     ///
     /// # Errors
     /// When there is none of that name, or a setting cannot be used.

@@ -2,8 +2,10 @@
 
 mod describe;
 pub(crate) mod ingest;
+mod road;
 pub(crate) mod source;
 
 pub use self::describe::describe;
 pub use self::ingest::{IngestSummary, RecordingReport};
+pub use self::road::road_options;
 pub use self::source::embedded_folder;

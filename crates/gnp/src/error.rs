@@ -57,6 +57,12 @@ pub enum Error {
     /// Recordings, windows, splits.
     #[error(transparent)]
     Data(#[from] gnp_data::DataError),
+    /// A file of a road.
+    #[error(transparent)]
+    Road(#[from] gnp_road::RoadFileError),
+    /// Lane lines that make no lanes.
+    #[error(transparent)]
+    LaneLines(#[from] gnp_road::LaneLinesError),
     /// A prediction.
     #[error(transparent)]
     Predict(#[from] gnp_data::PredictError),

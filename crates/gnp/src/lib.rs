@@ -33,6 +33,7 @@
 //! ```
 
 mod config;
+mod convert;
 mod data;
 mod error;
 mod evaluation;
@@ -41,7 +42,9 @@ mod figures;
 mod inside;
 mod machine;
 pub mod memory;
+mod model;
 mod needs;
+mod predict;
 mod progress;
 mod realism;
 mod report;
@@ -52,13 +55,18 @@ pub mod text;
 mod traffic;
 
 pub use crate::config::{DataConfig, GoalSection, PathSection, PredictConfig, RunConfig, Setting};
-pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder};
+pub use crate::convert::{Conversion, Converted, convert};
+pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder, road_options};
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};
 pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};
-pub use crate::explain::{Change, Explained, Question, explain};
+pub use crate::explain::{Change, Explained, Question, TracksQuestion, explain, explain_tracks};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
+pub use crate::model::{ExportRequest, Model, export, model_card};
+pub use crate::predict::{
+    Asked, At, AtError, Counts, Forecasted, PredictRequest, Predicted, Unpredicted, forecasts, predict,
+};
 pub use crate::progress::{Progress, Silent, Stop, Work};
 pub use crate::realism::{RealismPlan, realism, realism_text, save_realism};
 pub use crate::report::{Replayed, can_replay, write_replay, write_report};
@@ -68,6 +76,7 @@ pub use crate::run::manifest::RunFile;
 pub use crate::stages::Plan;
 pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Recipes, ablate};
 pub use crate::traffic::{DriveOn, Measured, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};
+pub use gnp_model::ModelCard;
 pub use gnp_simulation::Scene;
 
 /// The programs of docs/extending.md are compiled and run with the documentation tests.

@@ -158,6 +158,12 @@ impl Run {
         &self.config
     }
 
+    /// Says on which road recordings are that are read from now on, beside the run's own: the file of its line, and
+    /// lane lines, m ([`DataConfig::set_road`](crate::DataConfig::set_road)).
+    pub fn set_road(&mut self, file: Option<PathBuf>, lane_lines: Option<Vec<f64>>) {
+        self.config.data.set_road(file, lane_lines);
+    }
+
     /// What is finished of it.
     #[must_use]
     pub fn state(&self) -> &RunState {

@@ -73,7 +73,7 @@ pub(crate) fn road(name: &str) -> Result<Recording, Finding> {
     rows.lane = lane;
     rows.neighbours = NeighbourSource::Lanes(|lane| lane);
     let lines = [0., 3.6, 7.2].map(|y| LaneMarking::new(y, y != 3.6)).to_vec();
-    let roads = vec![Road { driving_direction: 2, lines, fitted: false }];
+    let roads = vec![Road { driving_direction: 2, lines, fitted: false, axis: None }];
     let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", name, 10.);
     let body = |_| VehicleBody { class: VehicleClass::Car, length: 4.5, width: 1.8, road: 0 };
     Recording::from_rows(meta, roads, rows, body).map(|(recording, _)| recording).map_err(Finding::case)

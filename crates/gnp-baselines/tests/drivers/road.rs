@@ -34,7 +34,7 @@ pub(crate) fn road(shape: WindowShape, after: usize, cars: &[Car<'_>]) -> Record
         tracks.push(Track::new(number as u32 + 1, [4., 1.8], car.from as u32, first..columns.x.len()));
     }
     let meta = RecordingMeta::new(Dataset::NGSIM, "s", "a", shape.rate_hz).with_simulated(true);
-    let road = Road { driving_direction: 2, lines: vec![], fitted: false };
+    let road = Road { driving_direction: 2, lines: vec![], fitted: false, axis: None };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }
 

@@ -55,5 +55,5 @@ pub struct CompareArgs {
 }
 
 /// What only preparation reads; a prepared folder has its own.
-const PREPARING: [&str; 9] =
-    ["dataset", "data_dir", "config", "set", "resume", "recipes", "seeds", "published", "workers"];
+const PREPARING: [&str; 11] =
+    ["dataset", "data_dir", "config", "set", "road", "lines", "resume", "recipes", "seeds", "published", "workers"];

@@ -9,24 +9,24 @@ use crate::ingest_report::IngestReport;
 /// Fraction of a recording's vehicles, or of its rows, above which a contradiction is one of the
 /// whole. Wrong signs, units and files touch all vehicles or all of one carriageway; single damage
 /// does not touch every tenth one, and traffic with more than that left out would be another traffic.
-pub(super) const MAX_LEFT_OUT: f64 = 0.1;
+pub(crate) const MAX_LEFT_OUT: f64 = 0.1;
 
 /// Fraction of the values of a column that is not needed, or known to be poor, above which the whole
 /// column is not what its name says.
-pub(super) const MAX_DOUBTED: f64 = 0.5;
+pub(crate) const MAX_DOUBTED: f64 = 0.5;
 
 /// From so many things that can be judged on, a contradiction of most of them is one of the whole.
 pub(super) const MIN_JUDGED: usize = 3;
 
 /// How often something was found, and in which row of the file first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Tally {
-    pub(super) count: usize,
-    pub(super) first: Option<usize>,
+pub(crate) struct Tally {
+    pub(crate) count: usize,
+    pub(crate) first: Option<usize>,
 }
 
 impl Tally {
-    pub(super) fn add(&mut self, row: usize) {
+    pub(crate) fn add(&mut self, row: usize) {
         *self = self.merge(Self { count: 1, first: Some(row) });
     }
 
@@ -35,14 +35,14 @@ impl Tally {
         Self { count: self.count + other.count, first }
     }
 
-    pub(super) fn of(rows: impl Iterator<Item = usize>) -> Self {
+    pub(crate) fn of(rows: impl Iterator<Item = usize>) -> Self {
         let mut tally = Self::default();
         rows.for_each(|row| tally.add(row));
         tally
     }
 
     /// Whether it was found in more than a fraction of all; a single one says nothing of more than two.
-    pub(super) fn exceeds(self, fraction: f64, of: usize) -> bool {
+    pub(crate) fn exceeds(self, fraction: f64, of: usize) -> bool {
         let alone = self.count == 1 && of > 2;
         !alone && self.count as f64 > fraction * of as f64
     }

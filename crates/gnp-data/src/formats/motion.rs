@@ -31,13 +31,13 @@ const LATERAL_TOLERANCE: (f32, f32) = (0.2, 0.5);
 const LATERAL_TIME: f64 = 0.2;
 
 /// Rows in the road frame by vehicle and frame.
-pub(super) struct Motion<'a> {
-    pub(super) frame: &'a [u32],
+pub(crate) struct Motion<'a> {
+    pub(crate) frame: &'a [u32],
     /// Forward, m.
-    pub(super) x: &'a [f32],
+    pub(crate) x: &'a [f32],
     /// To the left, m.
-    pub(super) y: &'a [f32],
-    pub(super) rate_hz: f64,
+    pub(crate) y: &'a [f32],
+    pub(crate) rate_hz: f64,
 }
 
 impl Motion<'_> {
@@ -48,7 +48,7 @@ impl Motion<'_> {
     }
 
     /// Whether the velocity along the road that its rows state, m/s, is another than that of its positions.
-    pub(super) fn contradicts(&self, rows: Range<usize>, stated: &[f32]) -> bool {
+    pub(crate) fn contradicts(&self, rows: Range<usize>, stated: &[f32]) -> bool {
         let (mut off, mut speeds): (Vec<f32>, Vec<f32>) =
             self.slopes(rows).map(|(i, [dx, _])| ((stated[i] - dx).abs(), dx.abs())).unzip();
         exceeds(&mut off, &mut speeds, SPEED_TOLERANCE)

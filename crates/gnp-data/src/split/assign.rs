@@ -198,7 +198,7 @@ fn drawn(count: usize, dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<Subset> {
 fn part_at(place: f64, shares: [f64; 3]) -> Subset {
     if place < shares[0] {
         Subset::Train
-    } else if place < shares[0] + shares[1] {
+    } else if place < shares[0] + shares[1] || shares[2] == 0. {
         Subset::Validation
     } else {
         Subset::Test
@@ -215,7 +215,9 @@ fn whole_groups(sizes: &[usize], dealing: Dealing, rng: &mut ChaCha8Rng) -> Vec<
     let Dealing { shares: [train, validation, test], folds, fold } = dealing;
     let part = |of: usize| Subset::ALL[of];
     if folds == 1 {
-        return best_deal(sizes, &[train, validation, test], rng).into_iter().map(part).collect();
+        let shares = [train, validation, test];
+        let given = if test > 0. { &shares[..] } else { &shares[..2] };
+        return best_deal(sizes, given, rng).into_iter().map(part).collect();
     }
     let folds = best_deal(sizes, &vec![test; folds], rng);
     let (rest, others): (Vec<usize>, Vec<usize>) =

@@ -115,6 +115,25 @@ fn markings_turn_with_their_carriageway() {
     assert!(recording.state(0).y > 4. && recording.state(10).y < 4.);
 }
 
+/// Centres in the image's metres, y down: what a forecast is given back in.
+#[test]
+fn positions_go_back_to_the_image() {
+    let recording = read_scene(&scene());
+    for (track, corner, drift) in [(0, [200., 4.], [-1., 0.1]), (2, [100., 20.], [1., -0.1])] {
+        let track = &recording.tracks()[track];
+        let road = &recording.roads()[usize::from(track.road)];
+        for (t, row) in track.rows.clone().enumerate() {
+            let centre = [0, 1].map(|i| corner[i] + [2.5, 1.][i] + drift[i] * t as f64);
+            let c = recording.columns();
+            let position = [c.x[row], c.y[row]];
+            let back = recording.to_file_coordinates(track.road, position);
+            assert!((back[0] - centre[0]).hypot(back[1] - centre[1]) < 1e-4, "{back:?} {centre:?}");
+            let velocity = road.velocity_to_file_coordinates(position, [c.vx[row], c.vy[row]]);
+            assert_eq!(velocity, [25. * drift[0], 25. * drift[1]].map(|v: f64| (v * 10.).round() / 10.));
+        }
+    }
+}
+
 #[test]
 fn named_neighbours_are_tracks() {
     let recording = read_scene(&scene());

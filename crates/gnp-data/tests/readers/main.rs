@@ -5,6 +5,7 @@
 mod bad_input;
 mod cache;
 mod contradictions;
+mod convert;
 mod copies;
 mod files;
 mod highd;
@@ -12,8 +13,11 @@ mod layouts;
 mod leaders;
 mod merged;
 mod ngsim;
+mod parts;
 mod quality;
+mod sumo;
 mod text;
+mod tracks;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

@@ -74,6 +74,17 @@ fn a_row_of_known_feet_stands_where_its_metres_say() {
     assert_eq!(recording.meta().site, "ngsim");
 }
 
+/// Local_X and Local_Y of the centre, in metres: what a forecast is given back in.
+#[test]
+fn positions_go_back_to_the_plane_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = put(folder.path(), "one.csv", &csv(&rows(&[(4, 2, 110.)], 7..12)));
+    let [(recording, _)] = &read_all(&file, Dataset::NGSIM).unwrap()[..] else { panic!("one recording") };
+    let [x, y] = recording.to_file_coordinates(0, [recording.columns().x[0], recording.columns().y[0]]);
+    // 20 ft long: the centre is 10 ft behind the front.
+    assert!((x - 18. * 0.3048).abs() < 1e-4 && (y - 100. * 0.3048).abs() < 1e-4, "{x} {y}");
+}
+
 #[test]
 fn a_vehicle_that_moves_to_a_smaller_local_x_moves_left() {
     let folder = tempfile::tempdir().unwrap();

@@ -61,7 +61,8 @@ pub(crate) fn from_positions(
     }
     let lines = [(-2., true), (1.75, false), (5.5, true)].map(|(y, boundary)| LaneMarking::new(y, boundary)).to_vec();
     let meta = RecordingMeta::new(dataset, site, name, rate_hz);
-    Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
+    Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true, axis: None }], tracks, columns)
+        .unwrap()
 }
 
 /// The same recording, in which a vehicle in a frame also names a leader without rows: (vehicle, headway in m).

@@ -13,7 +13,8 @@ use parquet::file::metadata::RowGroupMetaData;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 
 use crate::error::{EvalError, PredictionProblem};
-use crate::predictions::schema::{MODE_ORDER, PREDICTION_FIRST, Part, TERMS, sources_in_file};
+use crate::predictions::forecasts::{SCHEMA as FORECASTS, WINDOW_FRAME};
+use crate::predictions::schema::{MODE_ORDER, PREDICTION_FIRST, Part, SCHEMA, TERMS, sources_in_file};
 use crate::predictions::shares::Share;
 use crate::predictions::{Prediction, Predictions};
 
@@ -111,7 +112,9 @@ fn read(file: File, detail: Detail) -> Result<(Provenance, Vec<Prediction>), Fai
     let key_values = metadata.key_value_metadata().into_iter().flatten();
     let provenance: Provenance = key_values.filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?))).collect();
     let terms = provenance.get(TERMS).and_then(|text| serde_json::from_str(text).ok());
-    let columns = Columns::find(metadata.schema_descr(), terms, detail)?;
+    let forecasts = provenance.get(SCHEMA).is_some_and(|schema| schema == FORECASTS);
+    let positions = if forecasts { WINDOW_FRAME } else { ["x", "y"] };
+    let columns = Columns::find(metadata.schema_descr(), positions, terms, detail)?;
     let sorted = provenance.get(MODE_ORDER).is_none_or(|order| order != PREDICTION_FIRST);
     let mut content = Content { by_probability: sorted, ..Content::default() };
     for group in 0..reader.num_row_groups() {

@@ -15,8 +15,8 @@ use parquet::schema::types::{Type, TypePtr};
 
 use crate::predictions::shares::{Share, Shares};
 
-/// Name and version of the schema in a file's key-value metadata.
-const SCHEMA: &str = "gnp-predictions 1";
+/// The key of the metadata under which the name and version of the schema stand.
+pub(super) const SCHEMA: &str = "schema";
 /// The key of the metadata under which the descriptors of the terms stand, as JSON.
 pub(super) const TERMS: &str = "terms";
 /// The key under which a file says in which order the numbers of its modes stand.
@@ -56,12 +56,36 @@ pub struct Provenance {
     pub uses_future: bool,
 }
 
+/// One kind of file: what it is called, and the columns that every row has a value in.
+pub(super) struct Layout {
+    /// Name and version of the schema.
+    pub(super) schema: &'static str,
+    /// The frame of its positions, in words.
+    pub(super) frame: &'static str,
+    /// The columns, in the order of the file.
+    pub(super) columns: &'static [Column],
+    /// Whether the last column has a sentence on each forecast.
+    pub(super) why: bool,
+}
+
+/// Files of predictions that are scored.
+pub(super) static PREDICTIONS: Layout = Layout {
+    schema: "gnp-predictions 1",
+    frame: "x forward, y to the left, origin at the last observed centre of the box",
+    columns: &COLUMNS,
+    why: false,
+};
+
+/// The column of the sentence on a forecast.
+pub(super) const WHY: &str = "why";
+
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Text,
     Whole,
     Number,
+    Double,
 }
 
 impl Kind {
@@ -70,6 +94,7 @@ impl Kind {
             Self::Text => "text",
             Self::Whole => "whole number",
             Self::Number => "number",
+            Self::Double => "double",
         }
     }
 }
@@ -80,11 +105,11 @@ pub(super) struct Column {
     /// Another name under which it is read.
     pub(super) also: Option<&'static str>,
     pub(super) kind: Kind,
-    unit: &'static str,
+    pub(super) unit: &'static str,
     pub(super) required: bool,
     /// Whether a reader wants it.
     pub(super) read: bool,
-    meaning: &'static str,
+    pub(super) meaning: &'static str,
     /// What the writer puts there.
     pub(super) cell: fn(&Row<'_>) -> Cell,
 }
@@ -101,6 +126,20 @@ pub(super) struct Row<'a> {
     pub(super) t_s: f32,
     pub(super) at: [f32; 2],
     pub(super) origin: [f32; 2],
+    /// What else is known of the vehicle and the moment.
+    pub(super) moment: &'a Moment,
+    /// The place in the file's coordinates and that along and across the road, m.
+    pub(super) places: [[f64; 2]; 2],
+}
+
+/// A vehicle at a moment, as a file of forecasts has it.
+#[derive(Clone, Default)]
+pub(super) struct Moment {
+    pub(super) name: ByteArray,
+    pub(super) model: ByteArray,
+    pub(super) past: ByteArray,
+    pub(super) observed_s: f32,
+    pub(super) time_s: f64,
 }
 
 /// A value of a column.
@@ -108,46 +147,51 @@ pub(super) enum Cell {
     Text(ByteArray),
     Whole(u32),
     Number(f32),
+    Double(f64),
 }
 
-/// The columns that every row has a value in, in the order of the file.
-pub(super) static COLUMNS: [Column; 12] = {
-    const fn column(
+impl Column {
+    /// A column that a file to be scored must have.
+    pub(super) const fn new(
         name: &'static str,
         kind: Kind,
         unit: &'static str,
         meaning: &'static str,
         cell: fn(&Row<'_>) -> Cell,
-    ) -> Column {
-        Column { name, also: None, kind, unit, required: true, read: true, meaning, cell }
+    ) -> Self {
+        Self { name, also: None, kind, unit, required: true, read: true, meaning, cell }
     }
+}
+
+/// The columns that every row has a value in, in the order of the file.
+pub(super) static COLUMNS: [Column; 12] = {
     /// A column that a foreign file may lack.
     const fn optional(column: Column) -> Column {
         Column { required: false, ..column }
     }
     use Kind::{Number, Text, Whole};
-    let scene = column("scene", Text, "", "name of the recording (`recording` is read as well)", |row| {
+    let scene = Column::new("scene", Text, "", "name of the recording (`recording` is read as well)", |row| {
         Cell::Text(row.scene.clone())
     });
-    let t_s = column("t_s", Number, "s", "time after the last observed frame", |row| Cell::Number(row.t_s));
+    let t_s = Column::new("t_s", Number, "s", "time after the last observed frame", |row| Cell::Number(row.t_s));
     let forward = "last observed centre in the road frame, forward";
     let left = "last observed centre in the road frame, to the left";
     let share = "of the mode, the same in all its rows; sums to 1 in a window";
     [
         Column { also: Some("recording"), ..scene },
-        column("vehicle", Whole, "", "vehicle of the recording", |row| Cell::Whole(row.key.vehicle)),
-        optional(column("segment", Whole, "", "gap-free stretch of that vehicle, from 0", |row| {
+        Column::new("vehicle", Whole, "", "vehicle of the recording", |row| Cell::Whole(row.key.vehicle)),
+        optional(Column::new("segment", Whole, "", "gap-free stretch of that vehicle, from 0", |row| {
             Cell::Whole(u32::from(row.key.segment))
         })),
-        column("t0", Whole, "frame", "frame number of the last observed frame", |row| Cell::Whole(row.key.t0)),
-        column("mode", Whole, "", "number of the mode, any distinct numbers", |row| Cell::Whole(row.mode as u32)),
-        column("probability", Number, "", share, |row| Cell::Number(row.probability)),
-        column("step", Whole, "", "predicted frame, from 1", |row| Cell::Whole(row.step as u32)),
+        Column::new("t0", Whole, "frame", "frame number of the last observed frame", |row| Cell::Whole(row.key.t0)),
+        Column::new("mode", Whole, "", "number of the mode, any distinct numbers", |row| Cell::Whole(row.mode as u32)),
+        Column::new("probability", Number, "", share, |row| Cell::Number(row.probability)),
+        Column::new("step", Whole, "", "predicted frame, from 1", |row| Cell::Whole(row.step as u32)),
         Column { required: false, read: false, ..t_s },
-        column("x", Number, "m", "centre, forward from the last observed centre", |row| Cell::Number(row.at[0])),
-        column("y", Number, "m", "centre, to the left of the last observed centre", |row| Cell::Number(row.at[1])),
-        optional(column("origin_x", Number, "m", forward, |row| Cell::Number(row.origin[0]))),
-        optional(column("origin_y", Number, "m", left, |row| Cell::Number(row.origin[1]))),
+        Column::new("x", Number, "m", "centre, forward from the last observed centre", |row| Cell::Number(row.at[0])),
+        Column::new("y", Number, "m", "centre, to the left of the last observed centre", |row| Cell::Number(row.at[1])),
+        optional(Column::new("origin_x", Number, "m", forward, |row| Cell::Number(row.origin[0]))),
+        optional(Column::new("origin_y", Number, "m", left, |row| Cell::Number(row.origin[1]))),
     ]
 };
 
@@ -300,11 +344,11 @@ pub(super) fn sources_in_file(arity: Arity) -> usize {
 /// time and all `_dx` and `_dy` columns add up to `x` and `y`.
 #[must_use]
 pub fn prediction_columns() -> Vec<ColumnInfo> {
-    all_columns(&published())
+    all_columns(&PREDICTIONS, &published())
 }
 
-fn all_columns(terms: &[Arc<TermDescriptor>]) -> Vec<ColumnInfo> {
-    let always = COLUMNS.iter().map(|column| ColumnInfo {
+pub(super) fn all_columns(layout: &Layout, terms: &[Arc<TermDescriptor>]) -> Vec<ColumnInfo> {
+    let always = layout.columns.iter().map(|column| ColumnInfo {
         name: column.name.to_owned(),
         kind: column.kind.name(),
         unit: column.unit.to_owned(),
@@ -318,7 +362,14 @@ fn all_columns(terms: &[Arc<TermDescriptor>]) -> Vec<ColumnInfo> {
         required: false,
         meaning: "vehicle of the recording that is nearest ahead in the lane; null without one".to_owned(),
     };
-    always.chain(explaining(terms).into_iter().map(|column| column.info)).chain([leader]).collect()
+    let why = layout.why.then(|| ColumnInfo {
+        name: WHY.to_owned(),
+        kind: Kind::Text.name(),
+        unit: String::new(),
+        required: false,
+        meaning: "a sentence on what moves the vehicle, in the last row of mode 0; null in all others".to_owned(),
+    });
+    always.chain(explaining(terms).into_iter().map(|column| column.info)).chain([leader]).chain(why).collect()
 }
 
 fn slot_name(slot: Slot) -> &'static str {
@@ -335,7 +386,7 @@ fn slot_name(slot: Slot) -> &'static str {
 }
 
 /// The schema in Parquet's types.
-pub(super) fn parquet_schema(explaining: &[Explaining]) -> Result<TypePtr, ParquetError> {
+pub(super) fn parquet_schema(layout: &Layout, explaining: &[Explaining]) -> Result<TypePtr, ParquetError> {
     let field = |name: &str, kind: Kind, repetition: Repetition| {
         let builder = match kind {
             Kind::Text => {
@@ -345,30 +396,32 @@ pub(super) fn parquet_schema(explaining: &[Explaining]) -> Result<TypePtr, Parqu
                 Type::primitive_type_builder(name, PhysicalType::INT32).with_converted_type(ConvertedType::UINT_32)
             }
             Kind::Number => Type::primitive_type_builder(name, PhysicalType::FLOAT),
+            Kind::Double => Type::primitive_type_builder(name, PhysicalType::DOUBLE),
         };
         Ok(Arc::new(builder.with_repetition(repetition).build()?))
     };
-    let always = COLUMNS.iter().map(|column| field(column.name, column.kind, Repetition::REQUIRED));
+    let always = layout.columns.iter().map(|column| field(column.name, column.kind, Repetition::REQUIRED));
     let explaining = explaining.iter().map(|column| field(&column.info.name, Kind::Number, Repetition::OPTIONAL));
     let leader = field(LEADER, Kind::Whole, Repetition::OPTIONAL);
-    let fields = always.chain(explaining).chain([leader]).collect::<Result<Vec<_>, ParquetError>>()?;
+    let why = layout.why.then(|| field(WHY, Kind::Text, Repetition::OPTIONAL));
+    let fields = always.chain(explaining).chain([leader]).chain(why).collect::<Result<Vec<_>, ParquetError>>()?;
     Ok(Arc::new(Type::group_type_builder("predictions").with_fields(fields).build()?))
 }
 
 impl Provenance {
     /// The file's key-value metadata: the provenance, the frame, the terms and the unit of every column.
-    pub(super) fn key_values(&self, terms: &[Arc<TermDescriptor>]) -> Vec<KeyValue> {
-        let units = all_columns(terms).into_iter().filter(|column| !column.unit.is_empty());
+    pub(super) fn key_values(&self, layout: &Layout, terms: &[Arc<TermDescriptor>]) -> Vec<KeyValue> {
+        let units = all_columns(layout, terms).into_iter().filter(|column| !column.unit.is_empty());
         let units: Vec<String> = units.map(|column| format!("{} {}", column.name, column.unit)).collect();
         let described: Vec<&TermDescriptor> = terms.iter().map(AsRef::as_ref).collect();
         let pairs = [
-            ("schema", SCHEMA.to_owned()),
+            (SCHEMA, layout.schema.to_owned()),
             ("model", self.model.clone()),
             ("dataset", self.dataset.to_string()),
             ("rate_hz", self.rate_hz.to_string()),
             ("simulated", self.simulated.to_string()),
             ("uses_future", self.uses_future.to_string()),
-            ("frame", "x forward, y to the left, origin at the last observed centre of the box".to_owned()),
+            ("frame", layout.frame.to_owned()),
             ("units", units.join(", ")),
             (MODE_ORDER, PREDICTION_FIRST.to_owned()),
             (TERMS, serde_json::to_string(&described).unwrap_or_default()),

@@ -9,14 +9,15 @@ use gnp_data::{Explanation, Forecast, WindowKey};
 use gnp_file::Temporary;
 use gnp_force::TermDescriptor;
 use parquet::basic::Compression;
-use parquet::data_type::{ByteArray, ByteArrayType, DataType, FloatType, Int32Type};
+use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type};
 use parquet::errors::ParquetError;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 
 use crate::error::EvalError;
 use crate::predictions::schema::{
-    COLUMNS, Cell, ExplainedMode, Explaining, Kind, Provenance, Row, explaining, parquet_schema, published,
+    Cell, Column, ExplainedMode, Explaining, Kind, Layout, Moment, PREDICTIONS, Provenance, Row, explaining,
+    parquet_schema, published,
 };
 use crate::predictions::shares::Shares;
 
@@ -29,9 +30,52 @@ const GROUP_ROWS: usize = 1 << 16;
 /// The columns are those of the published terms of the force and of any other that explains the first explained
 /// forecast.
 pub struct PredictionWriter {
+    rows: LongWriter,
+}
+
+impl PredictionWriter {
+    /// Opens a temporary file beside `path`.
+    ///
+    /// # Errors
+    /// When the folder cannot be written to.
+    pub fn create(path: &Path, provenance: &Provenance) -> Result<Self, EvalError> {
+        Ok(Self { rows: LongWriter::create(path, provenance, &PREDICTIONS)? })
+    }
+
+    /// Adds one window's forecast; `origin` is the window's origin in the road frame, m.
+    ///
+    /// # Errors
+    /// When the file cannot be written, or a force of the forecast has no column because those explained before had no
+    /// such term.
+    pub fn write(&mut self, key: &WindowKey, origin: [f32; 2], forecast: &Forecast) -> Result<(), EvalError> {
+        self.rows.write(&Written { key, origin, forecast, moment: &Moment::default(), why: None }, |_| [[0.; 2]; 2])
+    }
+
+    /// Writes what is left and gives the file its name.
+    ///
+    /// # Errors
+    /// When the file cannot be written or renamed.
+    pub fn finish(self) -> Result<(), EvalError> {
+        self.rows.finish()
+    }
+}
+
+/// A forecast to be written.
+pub(super) struct Written<'a> {
+    pub(super) key: &'a WindowKey,
+    pub(super) origin: [f32; 2],
+    pub(super) forecast: &'a Forecast,
+    pub(super) moment: &'a Moment,
+    /// Goes into the last row of the first mode.
+    pub(super) why: Option<String>,
+}
+
+/// Writes forecasts in long form, whatever else stands in their rows.
+pub(super) struct LongWriter {
     path: PathBuf,
     file: Temporary,
     provenance: Provenance,
+    layout: &'static Layout,
     /// Once the columns are settled.
     columns: Option<Columns>,
     /// From the first group of rows on.
@@ -65,6 +109,9 @@ struct Rows {
     always: Vec<Values>,
     explaining: Vec<Nullable<f32>>,
     leader: Nullable<i32>,
+    why: Nullable<ByteArray>,
+    /// Columns that every row has a value in.
+    columns: &'static [Column],
 }
 
 /// Values of a column.
@@ -72,6 +119,7 @@ enum Values {
     Text(Vec<ByteArray>),
     Whole(Vec<i32>),
     Number(Vec<f32>),
+    Double(Vec<f64>),
 }
 
 /// Values of a column with nulls, and 1 for each row that has one.
@@ -81,23 +129,20 @@ struct Nullable<T> {
     levels: Vec<i16>,
 }
 
-impl PredictionWriter {
-    /// Opens a temporary file beside `path`.
-    ///
-    /// # Errors
-    /// When the folder cannot be written to.
-    pub fn create(path: &Path, provenance: &Provenance) -> Result<Self, EvalError> {
+impl LongWriter {
+    pub(super) fn create(path: &Path, provenance: &Provenance, layout: &'static Layout) -> Result<Self, EvalError> {
         let file = gnp_file::beside(path).map_err(|source| EvalError::Io { path: path.into(), source })?;
-        let (provenance, rows) = (provenance.clone(), Rows::new());
-        Ok(Self { path: path.into(), file, provenance, columns: None, parquet: None, rows })
+        let (provenance, rows) = (provenance.clone(), Rows::new(layout));
+        Ok(Self { path: path.into(), file, provenance, layout, columns: None, parquet: None, rows })
     }
 
-    /// Adds one window's forecast; `origin` is the window's origin in the road frame, m.
-    ///
-    /// # Errors
-    /// When the file cannot be written, or a force of the forecast has no column because those explained before had no
-    /// such term.
-    pub fn write(&mut self, key: &WindowKey, origin: [f32; 2], forecast: &Forecast) -> Result<(), EvalError> {
+    /// `places` gives a point of the window's frame in the file's coordinates and along and across the road.
+    pub(super) fn write(
+        &mut self,
+        written: &Written<'_>,
+        places: impl Fn([f32; 2]) -> [[f64; 2]; 2],
+    ) -> Result<(), EvalError> {
+        let Written { key, origin, forecast, moment, why } = written;
         let scene = ByteArray::from(key.recording.as_bytes().to_vec());
         let dt = 1. / self.provenance.rate_hz;
         for (number, mode) in forecast.modes.iter().enumerate() {
@@ -127,11 +172,17 @@ impl PredictionWriter {
                     step: j + 1,
                     t_s: ((j + 1) as f64 * dt) as f32,
                     at: *at,
-                    origin,
+                    origin: *origin,
+                    moment,
+                    places: places(*at),
                 };
                 let explained = explained.as_ref().filter(|_| j < steps);
                 self.rows.push(&row);
                 self.rows.leader.push(explained.and_then(|explained| explained.shares.leader).map(|it| it as i32));
+                if self.layout.why {
+                    let last = number == 0 && j + 1 == mode.path.len();
+                    self.rows.why.push(why.as_deref().filter(|_| last).map(ByteArray::from));
+                }
                 for (values, column) in self.rows.explaining.iter_mut().zip(columns.iter().flat_map(|c| &c.explaining))
                 {
                     values.push(explained.and_then(|explained| column.part.value(explained, j)));
@@ -141,11 +192,7 @@ impl PredictionWriter {
         if self.rows.count >= GROUP_ROWS { self.flush() } else { Ok(()) }
     }
 
-    /// Writes what is left and gives the file its name.
-    ///
-    /// # Errors
-    /// When the file cannot be written or renamed.
-    pub fn finish(mut self) -> Result<(), EvalError> {
+    pub(super) fn finish(mut self) -> Result<(), EvalError> {
         self.flush()?;
         let parquet = self.open()?;
         parquet.close().map_err(|error| not_written(&self.path, error))?;
@@ -170,13 +217,14 @@ impl PredictionWriter {
         }
         let file = self.file.as_file_mut().try_clone();
         let handle = file.map_err(|source| EvalError::Io { path: self.path.clone(), source })?;
-        let provenance = self.provenance.clone();
+        let (provenance, layout) = (self.provenance.clone(), self.layout);
         let columns = self.settle(None);
         let properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
-            .set_key_value_metadata(Some(provenance.key_values(&columns.terms)))
+            .set_key_value_metadata(Some(provenance.key_values(layout, &columns.terms)))
             .build();
-        let begin = || SerializedFileWriter::new(handle, parquet_schema(&columns.explaining)?, Arc::new(properties));
+        let begin =
+            || SerializedFileWriter::new(handle, parquet_schema(layout, &columns.explaining)?, Arc::new(properties));
         begin().map_err(|error| not_written(&self.path, error))
     }
 
@@ -192,14 +240,14 @@ impl PredictionWriter {
         };
         write().map(drop).map_err(|error| not_written(&self.path, error))?;
         let columns = self.rows.explaining.len();
-        self.rows = Rows { explaining: vec![Nullable::default(); columns], ..Rows::new() };
+        self.rows = Rows { explaining: vec![Nullable::default(); columns], ..Rows::new(self.layout) };
         self.parquet = Some(parquet);
         Ok(())
     }
 }
 
 /// Why a file cannot be written: what the system said, where it was the system, such as that the disk is full.
-fn not_written(path: &Path, error: ParquetError) -> EvalError {
+pub(super) fn not_written(path: &Path, error: ParquetError) -> EvalError {
     let path = path.to_owned();
     match error {
         ParquetError::External(cause) => match cause.downcast::<io::Error>() {
@@ -211,24 +259,27 @@ fn not_written(path: &Path, error: ParquetError) -> EvalError {
 }
 
 impl Rows {
-    fn new() -> Self {
+    fn new(layout: &'static Layout) -> Self {
         let values = |kind| match kind {
             Kind::Text => Values::Text(Vec::new()),
             Kind::Whole => Values::Whole(Vec::new()),
             Kind::Number => Values::Number(Vec::new()),
+            Kind::Double => Values::Double(Vec::new()),
         };
-        Self { always: COLUMNS.iter().map(|column| values(column.kind)).collect(), ..Self::default() }
+        let columns = layout.columns;
+        Self { always: columns.iter().map(|column| values(column.kind)).collect(), columns, ..Self::default() }
     }
 
     /// A row, apart from what explains it.
     fn push(&mut self, row: &Row<'_>) {
         self.count += 1;
-        for (values, column) in self.always.iter_mut().zip(&COLUMNS) {
+        for (values, column) in self.always.iter_mut().zip(self.columns) {
             match (values, (column.cell)(row)) {
                 (Values::Text(values), Cell::Text(value)) => values.push(value),
                 // Parquet keeps unsigned numbers as the signed ones of the same bits.
                 (Values::Whole(values), Cell::Whole(value)) => values.push(value as i32),
                 (Values::Number(values), Cell::Number(value)) => values.push(value),
+                (Values::Double(values), Cell::Double(value)) => values.push(value),
                 // A cell of another kind than its column: Parquet refuses a column that is too short.
                 _ => {}
             }
@@ -242,12 +293,15 @@ impl Rows {
                 Values::Text(values) => write_column::<ByteArrayType>(group, values, None)?,
                 Values::Whole(values) => write_column::<Int32Type>(group, values, None)?,
                 Values::Number(values) => write_column::<FloatType>(group, values, None)?,
+                Values::Double(values) => write_column::<DoubleType>(group, values, None)?,
             }
         }
         for Nullable { values, levels } in &self.explaining {
             write_column::<FloatType>(group, values, Some(levels))?;
         }
-        write_column::<Int32Type>(group, &self.leader.values, Some(&self.leader.levels))
+        write_column::<Int32Type>(group, &self.leader.values, Some(&self.leader.levels))?;
+        // Where there is no such column, none is left.
+        write_column::<ByteArrayType>(group, &self.why.values, Some(&self.why.levels))
     }
 }
 
@@ -289,14 +343,16 @@ mod tests {
     #[cfg(target_os = "linux")]
     fn a_full_disk_is_said_to_be_full() {
         let folder = tempfile::tempdir().unwrap();
-        let mut writer = PredictionWriter::create(&folder.path().join("p.parquet"), &provenance()).unwrap();
+        let mut writer = LongWriter::create(&folder.path().join("p.parquet"), &provenance(), &PREDICTIONS).unwrap();
         let full = File::options().write(true).open("/dev/full").unwrap();
         writer.settle(None);
-        let schema = parquet_schema(&writer.columns.as_ref().unwrap().explaining).unwrap();
+        let schema = parquet_schema(&PREDICTIONS, &writer.columns.as_ref().unwrap().explaining).unwrap();
         writer.parquet = Some(SerializedFileWriter::new(full, schema, Arc::default()).unwrap());
         let key = WindowKey { recording: "a".to_owned(), vehicle: 1, segment: 0, t0: 30 };
         let forecast = Forecast { modes: vec![Mode { probability: 1., path: vec![[1., 0.]; 50], explanation: None }] };
-        writer.write(&key, [0.; 2], &forecast).unwrap();
+        let moment = Moment::default();
+        let written = Written { key: &key, origin: [0.; 2], forecast: &forecast, moment: &moment, why: None };
+        writer.write(&written, |_| [[0.; 2]; 2]).unwrap();
         match writer.finish().unwrap_err() {
             EvalError::Io { path, source } => {
                 assert_eq!(source.kind(), io::ErrorKind::StorageFull);

@@ -49,7 +49,8 @@ pub(crate) fn sized(
     let kinds = [MarkingKind::Boundary, MarkingKind::LaneDivider, MarkingKind::Boundary];
     let lines = kinds.into_iter().zip([0., 4., 8.]).map(|(kind, y)| LaneMarking { kind, y }).collect();
     let meta = RecordingMeta::new(Dataset::NGSIM, site, name, RATE_HZ).with_simulated(simulated);
-    Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true }], tracks, columns).unwrap()
+    Recording::from_parts(meta, vec![Road { driving_direction: 2, lines, fitted: true, axis: None }], tracks, columns)
+        .unwrap()
 }
 
 /// Five observed and four predicted frames: one window a vehicle, 2 s ahead.

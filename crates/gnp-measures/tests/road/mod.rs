@@ -23,7 +23,7 @@ pub(crate) fn with_leaders(rows: &[Row], leader: Option<Vec<NamedLeader>>) -> Re
     columns.lane = rows.iter().map(|row| row.5).collect();
     columns.leader = leader;
     let lines = [-7.5, -3.75, 0.].map(|y| LaneMarking::new(y, y != -3.75));
-    let road = |driving_direction| Road { driving_direction, lines: lines.to_vec(), fitted: false };
+    let road = |driving_direction| Road { driving_direction, lines: lines.to_vec(), fitted: false, axis: None };
     let body = |row: usize| VehicleBody {
         class: VehicleClass::Car,
         length: 5.,

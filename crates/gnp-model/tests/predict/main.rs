@@ -73,7 +73,7 @@ fn road(mirror: bool, scramble: bool) -> Recording {
         lines.iter_mut().for_each(|line| line.y = -line.y);
     }
     let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", "made-up", 5.);
-    let roads = vec![Road { driving_direction: 2, lines, fitted: false }];
+    let roads = vec![Road { driving_direction: 2, lines, fitted: false, axis: None }];
     Recording::from_parts(meta, roads, tracks, columns).unwrap()
 }
 

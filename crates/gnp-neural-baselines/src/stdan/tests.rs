@@ -223,7 +223,7 @@ fn traffic(order: [usize; 5], scrambled: bool) -> Recording {
         tracks.push(track);
     }
     let meta = RecordingMeta::new(Dataset::NGSIM, "s", "a", 10.).with_simulated(true);
-    let road = Road { driving_direction: 2, lines: vec![], fitted: false };
+    let road = Road { driving_direction: 2, lines: vec![], fitted: false, axis: None };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }
 

@@ -47,7 +47,7 @@ pub(super) fn recording(id: impl Fn(usize) -> u32, moved: impl Fn(usize, usize) 
     let line = |kind, y| LaneMarking { kind, y };
     let (edge, centre) = (MarkingKind::Boundary, MarkingKind::LaneDivider);
     let lines = vec![line(edge, 0.), line(centre, 3.6), line(centre, 7.2), line(edge, 10.8)];
-    let roads = vec![Road { driving_direction: 2, lines, fitted: false }];
+    let roads = vec![Road { driving_direction: 2, lines, fitted: false, axis: None }];
     let meta = RecordingMeta::new(Dataset::NGSIM, "us-101", "meandering", 10.).with_simulated(true);
     Recording::from_parts(meta, roads, tracks, columns).unwrap()
 }

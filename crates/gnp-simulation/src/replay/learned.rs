@@ -233,7 +233,7 @@ fn seen(world: &World<'_>, shape: &WindowShape) -> Result<Option<Seen>, Simulati
     rows.neighbours = NeighbourSource::Lanes(|lane| lane);
     rows.velocity = (scene.velocities == VelocitySource::Recorded).then_some(velocity);
     let meta = RecordingMeta::new(scene.dataset, &scene.site, &scene.name, scene.rate_hz);
-    let road = Road { driving_direction: 2, lines: scene.lines.clone(), fitted: true };
+    let road = Road { driving_direction: 2, lines: scene.lines.clone(), fitted: true, axis: None };
     let (recording, _) = Recording::from_rows(meta, vec![road], rows, |row| bodies[row])?;
     let tracks = driven.into_iter().filter_map(|index| {
         let own = |track: &gnp_data::Track| track.vehicle == number(scene, index);

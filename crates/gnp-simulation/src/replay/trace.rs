@@ -50,7 +50,7 @@ impl Trace {
     /// # Errors
     /// When nobody was ever there.
     pub fn recording(&self, scene: &Scene, name: &str) -> Result<Recording, SimulationError> {
-        let road = Road { driving_direction: 2, lines: scene.lines.clone(), fitted: false };
+        let road = Road { driving_direction: 2, lines: scene.lines.clone(), fitted: false, axis: None };
         let lanes = scene.lines.len().saturating_sub(1).max(1);
         let mut rows = Rows::new(Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut velocity = [Vec::new(), Vec::new()];

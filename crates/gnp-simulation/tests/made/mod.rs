@@ -70,6 +70,6 @@ pub(crate) fn changed(recording: &Recording, mut x: impl FnMut(u32, u32, f32) ->
     rows.velocity = Some([columns.vx.clone(), columns.vy.clone()]);
     rows.neighbours = NeighbourSource::Lanes(|lane| lane);
     let lines = LINES.map(|y| LaneMarking::new(y as f32, false)).to_vec();
-    let road = Road { driving_direction: 2, lines, fitted: false };
+    let road = Road { driving_direction: 2, lines, fitted: false, axis: None };
     Recording::from_rows(recording.meta().clone(), vec![road], rows, |row| bodies[row]).unwrap().0
 }

@@ -17,6 +17,9 @@ const OF_TWO_TYPES: [&str; 1] = ["predict.trust"];
 const WHOLE: [&str; 5] =
     ["windows.site_stride_s", "split.sites", "goal.schedule", "attraction.schedule", "repulsion.schedule"];
 
+/// Keys that need not be there: without them the data says it all.
+const OPTIONAL: [&str; 2] = ["data.road", "data.lane_lines"];
+
 /// What keys were called before, by their last part, and what they are called now.
 const RENAMED: [(&str, &str); 7] = [
     ("nobody", "null_token"),
@@ -85,7 +88,7 @@ pub(crate) fn get<'a>(table: &'a Table, path: &str) -> Option<&'a Value> {
 pub(crate) fn check(table: &Table, reference: &Table) -> Result<()> {
     let known = paths(reference);
     for path in paths(table) {
-        if !known.contains(&path) {
+        if !known.contains(&path) && !OPTIONAL.contains(&path.as_str()) {
             return Err(unknown(&path, &known));
         }
     }
@@ -111,6 +114,12 @@ pub(crate) fn set(table: &mut Table, setting: &Setting) -> Result<()> {
         inner
             .ok_or_else(|| Error::Config(format!("the configuration has no table `{whole}`")))?
             .insert(name.to_owned(), parse(text));
+        return Ok(());
+    }
+    if let Some((inner, name)) = key.rsplit_once('.').filter(|_| OPTIONAL.contains(&key.as_str()))
+        && let Some(inner) = table.get_mut(inner).and_then(Value::as_table_mut)
+    {
+        inner.insert(name.to_owned(), parse(text));
         return Ok(());
     }
     let known = paths(table);

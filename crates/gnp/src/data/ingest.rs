@@ -8,8 +8,8 @@ use std::time::Instant;
 use crate::error::{Context as _, Result};
 use comfy_table::{CellAlignment, ContentArrangement, Table, TableComponent, presets};
 use gnp_data::{
-    Copies, DataError, Expectation, Fingerprint, IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, LeftOut,
-    Recording, RecordingDrops, Taken, read,
+    Copies, DataError, Fingerprint, IngestReport, JUMP_ACCELERATION, JUMP_SPEED, LaneSource, LeftOut, Recording,
+    RecordingDrops, Taken, read_with,
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -68,7 +68,6 @@ pub struct RecordingReport {
 /// # Errors
 /// The first thing that is wrong with a recording; when no track is long enough for a window.
 pub(crate) fn run(found: Found, config: &RunConfig, folder: &Path, machine: &Machine) -> Result<IngestSummary> {
-    let expect = Expectation { dataset: config.dataset, rate_hz: Some(config.data.rate_hz) };
     let place = folder.join(RECORDINGS);
     fs::create_dir(&place).with_context(|| format!("cannot make the folder {}", place.display()))?;
     let work = machine.work("ingest", found.sources.len(), "files");
@@ -78,7 +77,10 @@ pub(crate) fn run(found: Found, config: &RunConfig, folder: &Path, machine: &Mac
     for (group, sources) in found.sources.chunks(at_once).enumerate() {
         machine.stop.check()?;
         work.at((group * at_once) as u64, &sources[0].name);
-        let read = |source| read(source, &expect).map(|all| all.into_iter().map(with_fingerprint).collect::<Vec<_>>());
+        let read = |source| {
+            read_with(source, config.dataset, &found.options)
+                .map(|all| all.into_iter().map(with_fingerprint).collect::<Vec<_>>())
+        };
         let read: Vec<_> = sources.par_iter().map(read).collect();
         let mut to_save = Vec::new();
         for read in read {

@@ -2,9 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use gnp_data::{Copies, Dataset, Expectation, Fingerprint, Format, Recording, Source, Taken, format_of, read, survey};
+use gnp_data::{
+    Copies, Dataset, Expectation, Fingerprint, Format, Recording, Source, Taken, TrackOptions, format_of, read, survey,
+};
 
 use crate::config::RunConfig;
+use crate::data::road::road_options;
 use crate::error::{Result, bail};
 use crate::machine::Machine;
 use crate::run::folder::DataState;
@@ -18,12 +21,14 @@ pub(crate) struct Found {
     pub(crate) sources: Vec<Source>,
     /// Files that are there and are not read; a sentence each for the first.
     pub(crate) not_read: Vec<String>,
+    /// What is known of the road.
+    pub(crate) options: TrackOptions,
 }
 
 /// Finds the recordings of a run: those of `data_dir`, or those that come with the project.
 ///
 /// # Errors
-/// When there are none, or they are not what they seem.
+/// When there are none, or they are not what they seem; when the file of the road has none.
 pub(crate) fn find(config: &RunConfig, data_dir: Option<&Path>) -> Result<Found> {
     let embedded = data_dir.is_none();
     let dir = match data_dir {
@@ -37,7 +42,9 @@ pub(crate) fn find(config: &RunConfig, data_dir: Option<&Path>) -> Result<Found>
     }
     let simulated = sources.iter().any(|source| source.simulated);
     let description = description(format_of(config.dataset)?, embedded, simulated, &dir);
-    Ok(Found { data: DataState { dir, embedded, simulated, description }, sources, not_read })
+    let options = road_options(config.data.road.as_deref(), config.data.lane_lines.as_deref())?;
+    let options = TrackOptions { rate_hz: Some(config.data.rate_hz), ..options };
+    Ok(Found { data: DataState { dir, embedded, simulated, description }, sources, not_read, options })
 }
 
 /// All recordings of a folder, or those that come with the project, at whatever rate, without copies; what is not read or

@@ -26,7 +26,7 @@ pub(super) fn recording(name: &str) -> Recording {
         tracks.push(Track::new(vehicle, size, 100, start..columns.x.len()));
     }
     let meta = RecordingMeta::new(Dataset::NGSIM, "site", name, RATE_HZ);
-    let road = Road { driving_direction: 2, lines: Vec::new(), fitted: true };
+    let road = Road { driving_direction: 2, lines: Vec::new(), fitted: true, axis: None };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }
 

@@ -45,7 +45,7 @@ pub(super) fn moment<'a>(run: &'a Run, gnp: &Gnp, question: &Question) -> Result
 }
 
 /// How far one leader moves the prediction at its end, m, the one that moves it most.
-fn leader_part(forecast: &gnp_data::Forecast) -> f32 {
+pub(super) fn leader_part(forecast: &gnp_data::Forecast) -> f32 {
     let explanation = forecast.modes.first().and_then(|mode| mode.explanation.as_ref());
     let parts = explanation.into_iter().flat_map(|explanation| &explanation.contributions);
     let leaders = parts.filter(|part| matches!(part.cause, Cause::Leader { .. }));
@@ -75,7 +75,7 @@ fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Moment<'a>>> {
     }
     let moment = |id: WindowId| {
         let window = set.get(id)?;
-        Some(Moment { observation: window.observation(), window: Some(window) })
+        Some(Moment { names: set.recording(id), observation: window.observation(), window: Some(window) })
     };
     Ok(ids.into_iter().filter_map(moment).collect())
 }

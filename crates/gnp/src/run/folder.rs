@@ -109,6 +109,11 @@ pub(crate) struct RunFolder {
 }
 
 impl RunFolder {
+    /// Whether there is a run folder at `root`, whole or not.
+    pub(crate) fn is_at(root: &Path) -> bool {
+        root.join(STATE).is_file()
+    }
+
     /// Opens a folder, whatever became of its files.
     ///
     /// # Errors

@@ -134,7 +134,7 @@ fn parts(scratch: &Scratch, bytes: &[u8]) -> Result<(), Finding> {
         Some(lines) => lines.iter().map(|y| LaneMarking::new(y.0, false)).collect(),
         None => vec![LaneMarking::new(0., true), LaneMarking::new(3.5, true)],
     };
-    let roads = vec![Road { driving_direction: 2, lines, fitted: true }];
+    let roads = vec![Road { driving_direction: 2, lines, fitted: true, axis: None }];
     let (tracks, mut columns) = rows(&made);
     if let Some([vehicle, headway]) = made.leaders.0 {
         let named = NamedLeader { vehicle: u32::from(vehicle), headway: f32::from(headway) };

@@ -1,6 +1,7 @@
 //! What highD's two meta files state of a recording and its vehicles.
 
 use gnp_force::MarkingKind;
+use gnp_road::ReferenceLine;
 
 use crate::assemble::VehicleBody;
 use crate::error::DataError;
@@ -138,7 +139,10 @@ fn markings(table: &Table, column: &str, text: &str, driving_direction: u8) -> R
     if driving_direction != 1 {
         lines.reverse();
     }
-    Ok(Road { driving_direction, lines, fitted: false })
+    // Lengths in the image grow to the right and down; carriageway 1 drives to the left.
+    let heading = if driving_direction == 1 { std::f64::consts::PI } else { 0. };
+    let axis = ReferenceLine::straight([0., 0.], heading).mirrored();
+    Ok(Road { driving_direction, lines, fitted: false, axis: Some(axis) })
 }
 
 /// The vehicles that are listed, by number, and a sentence for each thing that is repeated or cannot be compared.

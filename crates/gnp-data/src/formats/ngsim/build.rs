@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use gnp_road::ReferenceLine;
+
 use super::checks;
 use super::rows::Raw;
 use crate::assemble::{NeighbourSource, Rows, VehicleBody};
@@ -133,7 +135,9 @@ pub(super) fn build(
         VehicleBody { class: raw.class[row], length: raw.length[row], width: raw.width[row], road: 0 }
     };
     let meta = RecordingMeta::new(Dataset::NGSIM, group.site.clone(), name, rate_hz).with_simulated(source.simulated);
-    let roads = vec![Road { driving_direction: 2, lines: fit.lines, fitted: true }];
+    // Local_Y runs along the road, Local_X to its right.
+    let axis = Some(ReferenceLine::straight([0., 0.], std::f64::consts::FRAC_PI_2));
+    let roads = vec![Road { driving_direction: 2, lines: fit.lines, fitted: true, axis }];
     let (recording, mut quality) = Recording::from_rows(meta, roads, rows, body)?;
     quality.out_of_order = out_of_order;
     checks::feet_of_positions(table, &recording)?;

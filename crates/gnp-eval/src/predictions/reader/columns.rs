@@ -34,9 +34,11 @@ pub(super) struct Explained {
 }
 
 impl Columns {
-    /// `terms` are those that the file says it has; without them the published ones are looked for.
+    /// `positions` are the columns that stand for `x` and `y`. `terms` are those that the file says it has; without them
+    /// the published ones are looked for.
     pub(super) fn find(
         schema: &SchemaDescriptor,
+        positions: [&'static str; 2],
         terms: Option<Vec<TermDescriptor>>,
         detail: Detail,
     ) -> Result<Self, PredictionProblem> {
@@ -45,9 +47,14 @@ impl Columns {
         let mut found = Vec::new();
         for known in COLUMNS.iter().filter(|column| column.read) {
             let also = || known.also.and_then(|also| by_name.get(also));
-            let Some(index) = by_name.get(known.name).or_else(also).copied() else {
+            let name = match known.name {
+                "x" => positions[0],
+                "y" => positions[1],
+                name => name,
+            };
+            let Some(index) = by_name.get(name).or_else(also).copied() else {
                 if known.required {
-                    return Err(PredictionProblem::MissingColumn { column: known.name });
+                    return Err(PredictionProblem::MissingColumn { column: name });
                 }
                 continue;
             };
@@ -134,7 +141,9 @@ fn check_type(column: &ColumnDescriptor, kind: Kind) -> Result<(), PredictionPro
     let (needs, fits): (_, &[PhysicalType]) = match kind {
         Kind::Text => ("text", &[PhysicalType::BYTE_ARRAY]),
         Kind::Whole => ("whole numbers of 32 or 64 bits", &[PhysicalType::INT32, PhysicalType::INT64]),
-        Kind::Number => ("numbers of single or double precision", &[PhysicalType::FLOAT, PhysicalType::DOUBLE]),
+        Kind::Number | Kind::Double => {
+            ("numbers of single or double precision", &[PhysicalType::FLOAT, PhysicalType::DOUBLE])
+        }
     };
     let physical = column.physical_type();
     if fits.contains(&physical) && column.max_rep_level() == 0 {

@@ -36,7 +36,7 @@ fn recording(site: &str) -> Recording {
         tracks.push(Track::new(vehicle, [4., 2.], 100, start..columns.x.len()));
     }
     let meta = RecordingMeta::new(Dataset::NGSIM, site, site, RATE_HZ);
-    let road = Road { driving_direction: 2, lines: Vec::new(), fitted: true };
+    let road = Road { driving_direction: 2, lines: Vec::new(), fitted: true, axis: None };
     Recording::from_parts(meta, vec![road], tracks, columns).unwrap()
 }
 

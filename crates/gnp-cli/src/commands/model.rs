@@ -1,0 +1,123 @@
+//! Commands that use a trained model: `predict`, `explain`, `export`, `info`.
+
+use std::io::{self, Write as _};
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use gnp::{At, Change, ExportRequest, PredictRequest, Question, Run, TracksQuestion};
+use gnp_data::TrackOptions;
+
+use crate::arguments::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs, RoadArgs};
+use crate::names::Place;
+use crate::program::Program;
+
+pub(super) fn predict(args: &PredictArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let PredictArgs { input, output, model, format, k, .. } = args.clone();
+    let at = args.every.map_or_else(|| args.at.clone(), At::Every);
+    let (k, jobs) = (k.map(usize::from), args.jobs.map(usize::from));
+    let tracks = tracks(&args.road)?;
+    let done = gnp::predict(&PredictRequest { input, output, model, format, tracks, at, k, jobs }, &machine)?;
+    if done.finished_before > 0 {
+        machine.progress.note(&format!("{} files were predicted before", done.finished_before));
+    }
+    machine.progress.result(&format!("{}: {}", done.counts.sentence(), done.output.display()));
+    Ok(())
+}
+
+/// The command that goes on with an interrupted prediction: the same one.
+pub(super) fn again(args: &PredictArgs) -> String {
+    let mut line = format!("gnp predict --input {} --output {}", args.input.display(), args.output.display());
+    let mut add = |flag: &str, value: Option<String>| {
+        line += &value.map_or_else(String::new, |value| format!(" --{flag} {value}"));
+    };
+    add("model", args.model.as_ref().map(|model| model.display().to_string()));
+    add("format", args.format.map(|format| format.to_string()));
+    match (&args.every, &args.at) {
+        (Some(seconds), _) => add("every", Some(seconds.to_string())),
+        (None, At::Last) => {}
+        (None, At::Every(_)) => add("at", Some("every".to_owned())),
+        (None, At::Times(times)) => {
+            add("at", Some(times.iter().map(f64::to_string).collect::<Vec<_>>().join(",")));
+        }
+    }
+    add("k", args.k.map(|k| k.to_string()));
+    line + &args.road.words()
+}
+
+pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let without = args.without.iter().map(|vehicle| Change::Without { vehicle: *vehicle });
+    let speeds =
+        args.speed.iter().map(|(vehicle, speed_mps)| Change::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
+    let goal = args.goal.iter().map(|Place(goal)| Change::Goal(*goal));
+    let changes: Vec<Change> = without.chain(speeds).chain(goal).collect();
+    let (explained, place) = match (&args.run, &args.input) {
+        (Some(_), _) if args.road.any() => bail!("--road and --lines are for tracks (--input)"),
+        (Some(folder), _) => {
+            let run = Run::open(folder, &machine)?;
+            let (vehicle, frame) = (args.vehicle.as_deref().map(number).transpose()?, args.at.map(whole).transpose()?);
+            let explained =
+                gnp::explain(&run, &Question { recording: args.recording.clone(), vehicle, frame, changes })?;
+            let place = explained.folder(&run)?;
+            (explained, place)
+        }
+        (None, Some(input)) => {
+            let ExplainArgs { model, format, recording, vehicle, at, .. } = args.clone();
+            let (input, tracks) = (input.clone(), tracks(&args.road)?);
+            let question = TracksQuestion { input, model, format, tracks, recording, vehicle, at_s: at, changes };
+            (gnp::explain_tracks(&question, &machine)?, PathBuf::from("explain"))
+        }
+        (None, None) => bail!("give a run (--run DIR) or tracks (--input PATH)"),
+    };
+    if args.json {
+        // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
+        let _ = writeln!(io::stdout().lock(), "{:#}", explained.json());
+    } else {
+        machine.progress.result(&explained.text());
+    }
+    let out = args.out.clone().unwrap_or(place);
+    explained.save_figures(&out)?;
+    machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
+    Ok(())
+}
+
+/// What readers are told of the road.
+fn tracks(args: &RoadArgs) -> Result<TrackOptions> {
+    let (road, lines) = args.parts()?;
+    Ok(gnp::road_options(road.as_deref(), lines.as_deref())?)
+}
+
+/// `--vehicle` of a run.
+fn number(text: &str) -> Result<u32> {
+    let Ok(number) = text.trim().parse() else {
+        bail!("--vehicle {text}: vehicles of a run have numbers; names are for tracks (--input)")
+    };
+    Ok(number)
+}
+
+/// `--at` of a run.
+fn whole(at: f64) -> Result<u32> {
+    if at.fract() != 0. || !(0. ..=f64::from(u32::MAX)).contains(&at) {
+        bail!("--at {at}: give the number of a frame of the run; times are for tracks (--input)");
+    }
+    Ok(at as u32)
+}
+
+pub(super) fn export(args: &ExportArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let ExportArgs { run, out, name, card, .. } = args.clone();
+    let request = ExportRequest { run, out, name, card };
+    gnp::export(&request, &machine)?;
+    machine.progress.result(&format!("model: {0}; its card: {0}/README.md", request.out.display()));
+    Ok(())
+}
+
+pub(super) fn info(args: &InfoArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let card = gnp::model_card(args.model.as_deref(), &machine)?;
+    let text = if args.json { serde_json::to_string_pretty(&card)? + "\n" } else { card.text() };
+    // Not through the terminal, which breaks long lines; a closed pipe is no reason to fail.
+    let _ = io::stdout().lock().write_all(text.as_bytes());
+    Ok(())
+}
