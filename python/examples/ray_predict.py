@@ -79,7 +79,7 @@ class Predict:
         # The worker before may have died between this and its report.
         if self.output.get_file_info(final).is_file:
             return {"name": name, "rows": 0, "process": os.getpid()}
-        forecasts = self.model.predict(read(self.source, path), **self.options).to_pyarrow()
+        forecasts = self.model.predict(read(self.source, path), out="pyarrow", **self.options)
         draft = f"{self.folder}/.{name}.{uuid.uuid4().hex}{DRAFT}"
         parquet.write_table(forecasts, draft, filesystem=self.output)
         self.output.move(draft, final)
@@ -99,7 +99,8 @@ def main():
     parser.add_argument("--input", required=True, help="folder of recordings")
     parser.add_argument("--output", required=True, help="folder of forecasts")
     parser.add_argument("--model", help="folder of a model that all nodes see; without it the one of the package")
-    parser.add_argument("--at", default="last", help="last, every, or seconds")
+    parser.add_argument("--at", type=float, help="time of the forecasts, s; without it the last of each recording")
+    parser.add_argument("--every", type=float, help="a forecast each so many seconds instead")
     parser.add_argument("--k", type=int, default=6, help="paths a vehicle")
     parser.add_argument("--address", help="of a running cluster; without it a local one is started")
     parser.add_argument("--workers", type=int, default=2, help="one core each")
@@ -120,8 +121,9 @@ def main():
     else:
         ray.init(num_cpus=arguments.workers, include_dashboard=False, log_to_driver=False)
     ray.data.DataContext.get_current().enable_progress_bars = False
-    at = arguments.at if arguments.at in ("last", "every") else float(arguments.at)
-    options = {"at": at, "k": arguments.k, "threads": 1}
+    options = {"at": "last" if arguments.at is None else arguments.at, "k": arguments.k, "threads": 1}
+    if arguments.every is not None:
+        options |= {"at": "every", "every": arguments.every}
     places = (arguments.input, arguments.output, arguments.model, options)
     # A task a recording: what dies with a worker is one of them.
     reports = ray.data.from_items(left, override_num_blocks=len(left)).map_batches(

@@ -1,6 +1,6 @@
 """Forecasts of simulated traffic, and what the simulation then did.
 
-    pip install eclipse-sumo pyarrow
+    pip install gnp[pyarrow] eclipse-sumo
     python sumo_loop.py                         five minutes of a motorway that loses a lane
     python sumo_loop.py --seconds 120 --every 30 --out loop
 
@@ -16,6 +16,7 @@ import json
 import math
 import os
 import pathlib
+import shlex
 import shutil
 import subprocess
 import sys
@@ -44,15 +45,21 @@ ROUTES = f"""<routes>
 </routes>"""
 
 
+def program(name):
+    """A program of SUMO: where programs are sought, or where pip put it."""
+    found = shutil.which(name) or shutil.which(name, path=os.path.dirname(sys.executable))
+    return found or sys.exit(f"there is no {name}: pip install eclipse-sumo")
+
+
 def simulate(folder, seconds, flow, seed):
     """Drives; the path of the floating car data."""
     files = {"n.nod.xml": NODES, "n.edg.xml": EDGES, "n.con.xml": CONNECTIONS, "routes.xml": ROUTES.format(flow=flow)}
     files["seen.txt"] = "edge:seen"
     for name, text in files.items():
         (folder / name).write_text(text)
-    net = ["netconvert", "-n", "n.nod.xml", "-e", "n.edg.xml", "-x", "n.con.xml", "-o", "net.xml"]
+    net = [program("netconvert"), "-n", "n.nod.xml", "-e", "n.edg.xml", "-x", "n.con.xml", "-o", "net.xml"]
     net += ["--no-internal-links", "--no-turnarounds"]
-    sumo = ["sumo", "-n", "net.xml", "-r", "routes.xml", "--step-length", str(STEP_S), "--end", str(seconds)]
+    sumo = [program("sumo"), "-n", "net.xml", "-r", "routes.xml", "--step-length", str(STEP_S), "--end", str(seconds)]
     sumo += ["--seed", str(seed), "--no-step-log", "--precision", "4"]
     # Otherwise vehicles jump from lane to lane within one step.
     sumo += ["--lanechange.duration", "4"]
@@ -132,7 +139,7 @@ def score(forecasts, truth):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--gnp", default="gnp", help="the program, with its options, such as 'cargo xtask'")
+    parser.add_argument("--gnp", default="gnp", help="the program, such as 'cargo xtask'")
     parser.add_argument("--model", help="of `gnp predict`; without it the model that comes with the program")
     parser.add_argument("--out", default="sumo-loop", help="folder, made anew")
     parser.add_argument("--seconds", type=float, default=300, help="of traffic")
@@ -140,14 +147,11 @@ def main():
     parser.add_argument("--flow", type=float, default=1.6, help="vehicles a second that want to enter, on average")
     parser.add_argument("--seed", type=int, default=1, help="of the traffic")
     arguments = parser.parse_args()
-    for program in ("sumo", "netconvert"):
-        if not shutil.which(program):
-            sys.exit(f"there is no {program}: pip install eclipse-sumo")
     folder = pathlib.Path(arguments.out)
     folder.mkdir(parents=True)
     fcd = simulate(folder, arguments.seconds, arguments.flow, arguments.seed)
     asked, truth = cut(fcd, folder / "seen", arguments.every)
-    command = [*arguments.gnp.split(), "predict", "--input", folder / "seen", "--format", "sumo", "--at", "last"]
+    command = [*shlex.split(arguments.gnp), "predict", "--input", folder / "seen", "--format", "sumo", "--at", "last"]
     command += ["--output", folder / "forecasts"]
     if arguments.model:
         command += ["--model", arguments.model]

@@ -7,6 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use gnp_model::ModelError;
 use gnp_online::OnlineError;
+use gnp_road::LineError;
 
 use crate::border::GnpStatus;
 
@@ -20,15 +21,18 @@ pub(crate) enum Failure {
     #[error("`{0}` is not UTF-8")]
     NotText(&'static str),
     /// A number that means nothing.
-    #[error("`{name}` is {value}; {expected}")]
+    #[error("{name} is {value}; it must be {expected}")]
     Value {
         /// Which field.
-        name: &'static str,
+        name: String,
         /// What it is.
-        value: String,
+        value: u64,
         /// What it may be.
         expected: &'static str,
     },
+    /// The line of a road cannot be one.
+    #[error("config.road: {0}")]
+    Road(#[from] LineError),
     /// The model cannot be used.
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -44,15 +48,45 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
+    /// A number that means nothing.
+    pub(crate) fn value(name: &str, value: impl Into<u64>, expected: &'static str) -> Self {
+        Self::Value { name: name.to_owned(), value: value.into(), expected }
+    }
+
+    /// A number that means nothing, of a track.
+    pub(crate) fn of_track(row: usize, field: &str, value: u32, expected: &'static str) -> Self {
+        Self::value(&format!("tracks[{row}].{field}"), value, expected)
+    }
+
     fn status(&self) -> GnpStatus {
         match self {
             Self::Null(_) => GnpStatus::NullPointer,
-            Self::NotText(_) | Self::Value { .. } => GnpStatus::InvalidArgument,
+            Self::NotText(_) | Self::Value { .. } | Self::Road(_) => GnpStatus::InvalidArgument,
             Self::Model(_) => GnpStatus::Model,
-            Self::Online(error) => online(error),
+            Self::Online(OnlineError::Time { .. }) => GnpStatus::Time,
+            Self::Online(OnlineError::Predict(_)) => GnpStatus::Prediction,
+            // Lane lines, lane widths and numbers of the configuration.
+            Self::Online(_) => GnpStatus::InvalidArgument,
             Self::Panic(_) | Self::Broken => GnpStatus::Defect,
         }
     }
+}
+
+/// A [`GnpReason`] in words; they agree with those of `gnp_online::Reason`, which C cannot keep.
+pub(crate) fn reason_text(reason: u32) -> &'static CStr {
+    const TEXTS: [&CStr; 10] = [
+        c"there is none",
+        c"its position is not finite, or too far from the origin; the track was left out",
+        c"its position has no place on the road's line; the track was left out",
+        c"its id was there already in the frame; the first track counts",
+        c"there are max_vehicles vehicles already; the track was left out",
+        c"its velocity is not finite, or none of a vehicle; differences of positions were used",
+        c"it is longer, shorter, wider or narrower than any vehicle; the size before it was used. Check the unit",
+        c"its velocity is not known yet",
+        c"the model gave no finite forecast for it",
+        c"a reason that this interface has no name for",
+    ];
+    TEXTS.get(reason as usize).copied().unwrap_or(c"no GnpReason")
 }
 
 thread_local! {
@@ -90,10 +124,4 @@ fn chain(failure: &Failure) -> String {
 fn said(cause: &(dyn Any + Send)) -> String {
     let text = cause.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| cause.downcast_ref::<String>().cloned()).unwrap_or_else(|| "it does not say what".to_owned())
-}
-
-fn online(error: &OnlineError) -> GnpStatus {
-    match error {
-        _ => GnpStatus::Frame,
-    }
 }

@@ -7,4 +7,4 @@
 
 pub mod border;
 mod failure;
-mod flat;
+mod stream;

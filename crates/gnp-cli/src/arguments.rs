@@ -1,5 +1,6 @@
 //! The commands and their arguments.
 
+mod convert;
 mod model;
 mod road;
 mod tables;
@@ -11,6 +12,7 @@ use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 use gnp::{Setting, Stage};
 use gnp_data::Dataset;
 
+pub(crate) use self::convert::ConvertArgs;
 pub(crate) use self::model::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs};
 pub(crate) use self::road::RoadArgs;
 pub(crate) use self::tables::{CompareArgs, TableArgs};
@@ -177,6 +179,19 @@ Examples:
 Drivers are fitted to other vehicles than those they drive; a trained run drives only vehicles it was not trained on, which
 takes the runs of all folds of `compare`. Writes realism.md, .csv and .json to --out.")]
     Realism(RealismArgs),
+    /// Write tracks in another format: highD, NGSIM, plain tracks, SUMO's floating car data, Argoverse 2.
+    #[command(after_help = "\
+Examples:
+  gnp convert --input 03_tracks.csv --to tracks --output 03.parquet
+  gnp convert --input fcd.xml --to tracks --output tracks.csv       SUMO's floating car data as plain tracks
+  gnp convert --input D --from ngsim --to sumo --output fcd         a folder, a file for each recording
+  gnp convert --input tracks.csv --to highd --output D
+
+Formats: ngsim (.csv with commas, .txt without a header), highd (three files a recording), tracks (.csv, .parquet), sumo
+(.xml, and vehicle types in .add.xml beside), av2 (scenarios of 11 s). Text is packed where the name ends with .gz.
+Prints what was left out in reading, and what the format written does not hold. NGSIM and highD lie along a road: for one
+that curves give --road.")]
+    Convert(ConvertArgs),
     /// Write the minute of the scene player as a file for the Rerun viewer; needs a build with the feature `rerun`.
     #[command(after_help = "\
 Example:

@@ -10,16 +10,16 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    CompareRequest, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _, RealismPlan,
-    Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory, score_predictions,
-    score_recordings,
+    CompareRequest, Conversion, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _,
+    RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory,
+    score_predictions, score_recordings,
 };
 use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;
 
 use crate::arguments::{
-    Command, CompareArgs, EvaluateArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs, ReplayArgs,
-    ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
+    Command, CompareArgs, ConvertArgs, EvaluateArgs, FigureArgs, IngestArgs, MeasureArgs, PipelineArgs, RealismArgs,
+    ReplayArgs, ReportArgs, RunArgs, SimulateArgs, StageArgs, TableArgs, TrainArgs,
 };
 use crate::planned::{plan, resolve};
 use crate::processes;
@@ -49,6 +49,7 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Simulate(args) => simulate(args, program),
         Command::Measure(args) => measure(args, program),
         Command::Realism(args) => realism(args, program),
+        Command::Convert(args) => convert(args, program),
         Command::Report(args) => report(args, program),
         Command::Replay(args) => replay(args, program),
     }
@@ -75,7 +76,7 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
         Command::Compare(_) => Some(format!("gnp compare --resume --out {folder}")),
         Command::Ablate(args) => ablate(args),
         // Done again from the start, which takes seconds.
-        Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) => None,
+        Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) | Command::Convert(_) => None,
         Command::Predict(args) => Some(model::again(args)),
         Command::Explain(_) => None,
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
@@ -402,6 +403,22 @@ fn measure(args: &MeasureArgs, program: &Program) -> Result<()> {
     let config = RunConfig::embedded(args.dataset.as_str(), &[])?;
     let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("measured-{}", args.dataset)));
     tell(&gnp::measure(&config, args.data_dir.as_deref(), &out, &machine)?, &machine);
+    Ok(())
+}
+
+fn convert(args: &ConvertArgs, program: &Program) -> Result<()> {
+    let machine = crate::machine(&args.machine, program)?;
+    let mut conversion = Conversion::new(&args.input, args.to, &args.output);
+    conversion.from = args.from;
+    let (road, lines) = args.road.parts()?;
+    conversion.options = gnp::road_options(road.as_deref(), lines.as_deref())?;
+    let converted = gnp::convert(&conversion, &machine)?;
+    machine.progress.result(&converted.text());
+    let files = &converted.written.files;
+    let more = files.len().saturating_sub(3);
+    let named = files.iter().take(3).map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ");
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    machine.progress.note(&format!("written: {named}{more}"));
     Ok(())
 }
 

@@ -1,7 +1,10 @@
 //! What is behind one path, cause by cause, for people: numbers at any time, and a sentence.
 
+use std::collections::BTreeMap;
+
 use crate::explanation::{Cause, Contribution};
 use crate::predictor::Mode;
+use crate::recording::Recording;
 
 /// Parts below this are not worth a word, m.
 const NAMED: f32 = 0.1;
@@ -23,6 +26,8 @@ pub struct Account {
     pub parts: Vec<Contribution>,
     /// Centre in each predicted frame, m, window frame.
     pub path: Vec<[f32; 2]>,
+    /// Names of vehicles that are called otherwise than by their number.
+    pub names: BTreeMap<u32, String>,
 }
 
 impl Account {
@@ -31,7 +36,36 @@ impl Account {
     pub fn of(vehicle: u32, mode: &Mode, dt: f64) -> Option<Self> {
         let explanation = mode.explanation.as_ref().filter(|it| !it.contributions.is_empty())?;
         let (velocity, parts) = (explanation.velocity, explanation.contributions.clone());
-        Some(Self { vehicle, dt, velocity, parts, path: mode.path.clone() })
+        Some(Self { vehicle, dt, velocity, parts, path: mode.path.clone(), names: BTreeMap::new() })
+    }
+
+    /// The same, in which vehicles are called as in `recording`.
+    #[must_use]
+    pub fn named_as_in(mut self, recording: &Recording) -> Self {
+        let others = self.parts.iter().filter_map(|part| part.cause.vehicle());
+        for vehicle in others.chain([self.vehicle]) {
+            let name = recording.vehicle_name(vehicle);
+            if name != vehicle.to_string() {
+                self.names.insert(vehicle, name.into_owned());
+            }
+        }
+        self
+    }
+
+    /// What a vehicle is called.
+    #[must_use]
+    pub fn name(&self, vehicle: u32) -> String {
+        self.names.get(&vehicle).cloned().unwrap_or_else(|| vehicle.to_string())
+    }
+
+    /// What a cause is called, such as `leader 7`.
+    #[must_use]
+    pub fn cause_name(&self, cause: &Cause) -> String {
+        let words = cause.to_string();
+        match cause.vehicle().filter(|vehicle| self.names.contains_key(vehicle)) {
+            Some(vehicle) => words.replacen(&vehicle.to_string(), &self.name(vehicle), 1),
+            None => words,
+        }
     }
 
     /// Number of predicted frames.
@@ -82,13 +116,15 @@ impl Account {
             velocity: less(changed.velocity, self.velocity),
             parts: self.parts.iter().chain(new).map(|part| difference(&part.cause)).collect(),
             path: (1..=steps).map(|step| less(changed.path_at(step), self.path_at(step))).collect(),
+            names: self.names.iter().chain(&changed.names).map(|(vehicle, name)| (*vehicle, name.clone())).collect(),
         }
     }
 
     /// How far the vehicle gets by the end, against its present speed, and why: one sentence, the largest parts first.
     #[must_use]
     pub fn sentence(&self) -> String {
-        let Self { vehicle, velocity: [speed, _], .. } = self;
+        let Self { velocity: [speed, _], .. } = self;
+        let vehicle = self.name(self.vehicle);
         let along = self.sum(self.steps())[0];
         let far = match along {
             x if x.abs() < NAMED / 2. => "as far as".to_owned(),
@@ -106,10 +142,10 @@ impl Account {
             x if x.abs() < NAMED / 2. => "as far as now".to_owned(),
             x => format!("{} {}", metres(x), if x < 0. { "less far" } else { "farther" }),
         };
-        let head = format!("{what}, vehicle {} gets {far} in {}", self.vehicle, self.horizon());
+        let head = format!("{what}, vehicle {} gets {far} in {}", self.name(self.vehicle), self.horizon());
         let start = self.constant_velocity(self.steps())[0];
         let speed = if start.abs() < NAMED { String::new() } else { format!("constant velocity {}, ", signed(start)) };
-        let reasons = self.reasons(|cause, x| format!("{cause} {}", signed(x)));
+        let reasons = self.reasons(|_, cause, x| format!("{cause} {}", signed(x)));
         let reasons = match reasons.strip_prefix(": ") {
             Some(reasons) => format!(": {speed}{reasons}"),
             None if !speed.is_empty() => format!(": {}", speed.trim_end_matches(", ")),
@@ -124,13 +160,14 @@ impl Account {
     }
 
     /// The parts along the road at the end, the largest first, small ones together.
-    fn reasons(&self, words: impl Fn(&Cause, f32) -> String) -> String {
+    fn reasons(&self, words: impl Fn(&Cause, &str, f32) -> String) -> String {
         let end = self.steps();
         let mut parts: Vec<(&Cause, f32)> = self.parts.iter().map(|it| (&it.cause, it.after(end)[0])).collect();
         parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
         let named = parts.iter().take(MOST_NAMED).take_while(|(_, x)| x.abs() >= NAMED).count();
         let rest: f32 = parts[named..].iter().map(|(_, x)| x).sum();
-        let mut reasons: Vec<String> = parts[..named].iter().map(|(cause, x)| words(cause, *x)).collect();
+        let mut reasons: Vec<String> =
+            parts[..named].iter().map(|(cause, x)| words(cause, &self.cause_name(cause), *x)).collect();
         if rest.abs() >= NAMED / 2. {
             reasons.push(format!("the rest {}", signed(rest)));
         }
@@ -145,22 +182,23 @@ impl Account {
         }
         let side = if across > 0. { "left" } else { "right" };
         let most = self.parts.iter().max_by(|a, b| a.after(end)[1].abs().total_cmp(&b.after(end)[1].abs()));
-        let by = most.map_or_else(String::new, |part| format!(", most of it by {}", part.cause));
+        let by = most.map_or_else(String::new, |part| format!(", most of it by {}", self.cause_name(&part.cause)));
         format!("; sideways it ends {} farther {side}{by}", metres(across))
     }
 }
 
-fn phrase(cause: &Cause, x: f32) -> String {
+/// `called` is the name of the cause.
+fn phrase(cause: &Cause, called: &str, x: f32) -> String {
     let (length, back) = (metres(x), x < 0.);
     let way = |back_words: &str, on_words: &str| if back { back_words.to_owned() } else { on_words.to_owned() };
     match cause {
         Cause::FreeRoad => format!("the driver alone would get {length} {}", way("less far", "farther")),
-        Cause::Leader { .. } => format!("{cause} {} by {length}", way("holds it back", "draws it on")),
-        Cause::FartherLeaders => format!("{cause} {} by {length}", way("hold it back", "draw it on")),
+        Cause::Leader { .. } => format!("{called} {} by {length}", way("holds it back", "draws it on")),
+        Cause::FartherLeaders => format!("{called} {} by {length}", way("hold it back", "draw it on")),
         Cause::Intention => format!("the network expects {length} {}", way("less", "more")),
-        Cause::Neighbour { .. } => format!("{cause} {} by {length}", way("pushes it back", "pushes it on")),
-        Cause::Neighbours => format!("{cause} {} by {length}", way("push it back", "push it on")),
-        Cause::Term(name) => format!("{name} {} {length}", way("take", "add")),
+        Cause::Neighbour { .. } => format!("{called} {} by {length}", way("pushes it back", "pushes it on")),
+        Cause::Neighbours => format!("{called} {} by {length}", way("push it back", "push it on")),
+        Cause::Term(_) => format!("{called} {} {length}", way("take", "add")),
     }
 }
 

@@ -44,6 +44,8 @@ impl Dataset {
     pub const TRACKS: Self = Self::known("tracks");
     /// Argoverse 2 motion forecasting: scenarios of 11 s from American streets, metres, 10 Hz.
     pub const AV2: Self = Self::known("av2");
+    /// Floating car data of the simulator SUMO, metres, at the rate of the simulation.
+    pub const SUMO: Self = Self::known("sumo");
     /// Tracks that a program has, instead of files: see [`LiveScene`](crate::LiveScene).
     pub const LIVE: Self = Self::known("live");
 

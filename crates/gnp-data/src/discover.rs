@@ -135,6 +135,13 @@ impl FoundFiles {
         &self.files
     }
 
+    /// Files that lie in the folder of `file` and end as those of the format do, among them those that are known to be
+    /// something else: a recording may need them.
+    pub fn beside<'a>(&'a self, file: &'a Path) -> impl Iterator<Item = &'a Path> {
+        let all = self.files.iter().map(|it| it.path.as_path()).chain(self.aside.iter().map(|it| it.file.as_path()));
+        all.filter(move |it| *it != file && it.parent() == file.parent())
+    }
+
     /// `stem` behind the folders from the folder searched to `file`, so that files of one name in
     /// several folders have different names.
     #[must_use]
@@ -175,7 +182,9 @@ impl FoundFiles {
     fn set_aside(&mut self, format: &dyn Format) -> Result<(), DataError> {
         let mut kept = Vec::with_capacity(self.files.len());
         for file in std::mem::take(&mut self.files) {
-            if !file.asked || matches!(format.recognise(&file.path), Ok(true)) {
+            // What a format refuses with a reason of its own is not told by its first bytes alone.
+            let of_format = |found| matches!(found, Ok(true) | Err(DataError::Table { .. } | DataError::Tracks { .. }));
+            if !file.asked || of_format(format.recognise(&file.path)) {
                 kept.push(file);
                 continue;
             }
@@ -199,6 +208,7 @@ impl FoundFiles {
         let read: BTreeSet<&Path> = sources.iter().flat_map(|source| &source.files).map(PathBuf::as_path).collect();
         let others = || FORMATS.iter().filter(|other| other.dataset() != format.dataset());
         let mut not_read = self.aside;
+        not_read.retain(|it| !read.contains(it.file.as_path()));
         for file in self.files.into_iter().filter(|file| file.asked && !read.contains(file.path.as_path())) {
             // What the format recognises and leaves is named in the notes of a source.
             if !matches!(format.recognise(&file.path), Ok(false)) {

@@ -230,6 +230,16 @@ pub enum DataError {
         /// What to do.
         remedy: String,
     },
+    /// Tracks that a layout does not take.
+    #[error("{recording} cannot be written as {layout}: {reason}")]
+    Unwritable {
+        /// Name of the recording.
+        recording: String,
+        /// Title of the layout's format.
+        layout: String,
+        /// What does not fit, and what to do.
+        reason: String,
+    },
     /// A recording sampled at another rate than the configuration expects.
     #[error(
         "{}: recording {recording} has {found_hz} frames per second, the configuration expects {expected_hz}; \

@@ -65,6 +65,15 @@ impl Cause {
         *self != Self::Intention
     }
 
+    /// The vehicle that it is, where it is one.
+    #[must_use]
+    pub fn vehicle(&self) -> Option<u32> {
+        match self {
+            Self::Leader { vehicle, .. } | Self::Neighbour { vehicle } => Some(*vehicle),
+            _ => None,
+        }
+    }
+
     /// Whether it is the same one in another forecast: a leader stays himself where his place in the column changes.
     #[must_use]
     pub fn is_same_as(&self, other: &Self) -> bool {

@@ -23,6 +23,7 @@ const UNPACK: &str = "unpack it, and give the tables in it";
 const AS_CSV: &str = "save the table in it as CSV";
 const OTHER_ROADS: &str =
     "this program reads straight motorways: highD, and US-101 and I-80 of NGSIM; docs/data.md says how data is added";
+const SUMO: &str = "choose the dataset sumo";
 const OTHER_LAYOUT: &str = "its layout is not read; give its rows in the columns of NGSIM or highD (docs/data.md)";
 
 /// Files with a mark at a place, the place first.
@@ -43,7 +44,8 @@ const MARKS: [(usize, &[u8], &str, &str); 23] = [
         0,
         b"PAR1",
         "a Parquet file, as Argoverse 2 and forecasts of this program are",
-        "recordings are read from tables of text: save its rows as CSV in the columns of NGSIM or highD (docs/data.md)",
+        "the dataset `tracks` reads tables with id, time, x and y, `av2` scenarios of Argoverse 2; for another one save its \
+         rows as CSV (docs/data.md)",
     ),
     (0, b"ARROW1", "an Arrow file", AS_CSV),
     (0, b"\x89HDF\r\n\x1a\n", "an HDF5 file", AS_CSV),
@@ -61,7 +63,7 @@ const MARKS: [(usize, &[u8], &str, &str); 23] = [
 const MARKUP: [(&[u8], &[u8], &str, &str); 9] = [
     (b"<!doctype html", b"", "a web page, perhaps of a failed download", "download the data again"),
     (b"<html", b"", "a web page, perhaps of a failed download", "download the data again"),
-    (b"<", b"<fcd-export", "floating car data (FCD) of SUMO", OTHER_LAYOUT),
+    (b"<", b"<fcd-export", "floating car data (FCD) of SUMO", SUMO),
     (b"<", b"<commonroad", "a CommonRoad scenario", OTHER_LAYOUT),
     (b"<", b"", "XML", OTHER_LAYOUT),
     (b"", b"\"road_segment_ids\"", "I-24 MOTION, as JSON", OTHER_LAYOUT),
@@ -77,7 +79,7 @@ const TABLES: [(&[&str], &str, &str); 10] = [
     (&["trackid", "initialframe", "finalframe"], "a tracksMeta table of inD, rounD, uniD or exiD", OTHER_ROADS),
     (&["locationid", "xutmorigin", "orthopxtometer"], "a recordingMeta table of inD, rounD, uniD or exiD", OTHER_ROADS),
     (&["track_id", "type", "traveled_d"], "a table of pNEUMA, which is of streets with junctions", OTHER_ROADS),
-    (&["timestep_time", "vehicle_id", "vehicle_x"], "floating car data (FCD) of SUMO", OTHER_LAYOUT),
+    (&["timestep_time", "vehicle_id", "vehicle_x"], "floating car data (FCD) of SUMO", SUMO),
     (&["timestamp", "track_id", "object_type", "city_name"], "a table of Argoverse, which is of streets", OTHER_ROADS),
     (&["track_id", "frame_id", "timestamp_ms", "agent_type"], "a table of INTERACTION", OTHER_ROADS),
     (&["road_segment_ids", "x_position", "y_position"], "a table of I-24 MOTION", OTHER_LAYOUT),

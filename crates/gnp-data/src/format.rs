@@ -1,6 +1,8 @@
 //! What a dataset's files are and how they are read: the interface of every format, and the table
 //! of those of this crate.
 
+#[cfg(feature = "readers")]
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use crate::dataset::Dataset;
@@ -9,8 +11,14 @@ use crate::error::{DataError, TrackProblem};
 use crate::ingest_report::IngestReport;
 use crate::recording::Recording;
 use crate::schema::Schema;
+#[cfg(feature = "readers")]
+use crate::time_parts::{Part, PartSize};
 use crate::track_options::TrackOptions;
+#[cfg(feature = "readers")]
+use crate::tracks::{TrackFile, Tracks};
 use crate::window_shape::same_rate;
+#[cfg(feature = "readers")]
+use crate::write::Written;
 
 /// A dataset's files: how they are recognised, what they mean, and how they become recordings.
 ///
@@ -85,6 +93,64 @@ pub trait Format: Send + Sync {
             return Err(DataError::Tracks { problem, place, what, remedy });
         }
         self.read(source, options.rate_hz)
+    }
+
+    /// The file of a source whose tracks lie in a plane, to be read by tables; `None` where they lie along a road.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is of another format.
+    #[cfg(feature = "readers")]
+    fn track_file(&self, _source: &Source) -> Result<Option<Box<dyn TrackFile>>, DataError> {
+        Ok(None)
+    }
+
+    /// Hands the recordings of a source to `take` until it breaks: files of tracks in a plane by stretches of time, so that
+    /// they may be larger than memory, others whole. Clock, road, lanes and the numbers of vehicles are the same in all
+    /// parts; they are found in a first pass, by the first million rows. Which vehicles are believed is judged by the rows
+    /// of each part.
+    ///
+    /// # Errors
+    /// As [`Format::read_with`]; when temporary files cannot be written.
+    #[cfg(feature = "readers")]
+    fn read_parts(
+        &self,
+        source: &Source,
+        options: &TrackOptions,
+        size: &PartSize,
+        take: &mut dyn FnMut(Part) -> ControlFlow<()>,
+    ) -> Result<(), DataError> {
+        if let Some(file) = self.track_file(source)? {
+            return crate::time_parts::read(&*file, source, options, size, take);
+        }
+        for (recording, report) in self.read_with(source, options)? {
+            if take(Part { recording, report, asked: 0..u32::MAX }).is_break() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// How the names of files end that this format is written to, without `.gz`; the first is taken where none is asked for.
+    /// An empty end stands for the beginning of a name, which the format goes on with. Nothing where it is not written.
+    fn written_as(&self) -> &[&str] {
+        &[]
+    }
+
+    /// Writes tracks to `to`, each file whole or not at all, and says what of the tracks the layout does not hold.
+    /// `options` are for tracks in a plane where the layout is along a road.
+    ///
+    /// # Errors
+    /// [`DataError::Unwritable`] for tracks that the layout does not take, and by default; as [`TrackTable::recordings`];
+    /// when a file cannot be written.
+    ///
+    /// [`TrackTable::recordings`]: crate::TrackTable::recordings
+    #[cfg(feature = "readers")]
+    fn write(&self, tracks: &Tracks, _options: &TrackOptions, _to: &Path) -> Result<Written, DataError> {
+        Err(DataError::Unwritable {
+            recording: tracks.name().to_owned(),
+            layout: self.title().to_owned(),
+            reason: "it is read and not written; take another format".to_owned(),
+        })
     }
 }
 

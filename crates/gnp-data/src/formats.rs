@@ -8,6 +8,8 @@ use crate::error::DataError;
 use crate::format::Format;
 
 #[cfg(feature = "readers")]
+mod argoverse;
+#[cfg(feature = "readers")]
 pub(crate) mod findings;
 #[cfg(feature = "readers")]
 mod highd;
@@ -16,10 +18,20 @@ pub(crate) mod motion;
 #[cfg(feature = "readers")]
 mod ngsim;
 #[cfg(feature = "readers")]
+mod parquet_columns;
+#[cfg(feature = "readers")]
 mod periods;
 #[cfg(feature = "readers")]
+mod plain;
+#[cfg(feature = "readers")]
+mod sumo;
+#[cfg(feature = "readers")]
 mod table;
+#[cfg(feature = "readers")]
+mod words;
 
+#[cfg(feature = "readers")]
+pub(crate) use self::ngsim::COLUMNS as NGSIM_COLUMNS;
 #[cfg(feature = "readers")]
 pub(crate) use self::table::gzip::head;
 
@@ -31,7 +43,8 @@ pub(crate) fn line_of(file: &std::path::Path, row: usize) -> Result<u64, crate::
 
 /// All of them, in the order in which they are described.
 #[cfg(feature = "readers")]
-pub(crate) const ALL: &[&dyn Format] = &[&ngsim::Ngsim, &highd::HighD];
+pub(crate) const ALL: &[&dyn Format] =
+    &[&ngsim::Ngsim, &highd::HighD, &plain::Plain, &argoverse::Argoverse, &sumo::Sumo];
 
 /// None: reading needs the feature `readers`.
 #[cfg(not(feature = "readers"))]

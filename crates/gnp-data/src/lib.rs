@@ -41,13 +41,19 @@ mod slot;
 mod snapshot;
 mod split;
 mod standardise;
+#[cfg(feature = "readers")]
+mod time_parts;
 mod track_options;
 #[cfg(feature = "readers")]
 mod track_table;
+#[cfg(feature = "readers")]
+mod tracks;
 mod velocity;
 mod window;
 mod window_shape;
 mod windows;
+#[cfg(feature = "readers")]
+mod write;
 
 pub use crate::account::Account;
 pub use crate::assemble::{NeighbourSource, Rows, VehicleBody};
@@ -74,13 +80,19 @@ pub use crate::slot::{BySlot, SLOTS, Slot};
 pub use crate::snapshot::{FILL_FROM_S, Past, Present, Snapshot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};
 pub use crate::standardise::Standardiser;
+#[cfg(feature = "readers")]
+pub use crate::time_parts::{Part, PartSize};
 pub use crate::track_options::TrackOptions;
 #[cfg(feature = "readers")]
 pub use crate::track_table::{
     DEFAULT_SIZES, LaneNumbers, MAX_TURN_DEGREES, MAX_TURN_OF_FEW_DEGREES, RowPlaces, TableVehicle, TrackLayout,
     TrackTable, VehicleWord,
 };
+#[cfg(feature = "readers")]
+pub use crate::tracks::{TrackFile, Tracks};
 pub use crate::window::{Neighbour, Observation, Truth, Window, WindowId, WindowKey};
 pub use crate::window_shape::{WindowError, WindowShape};
 pub use crate::windows::{DropCounts, RecordingDrops, WindowConfig, WindowSet};
+#[cfg(feature = "readers")]
+pub use crate::write::{Written, write_fcd, write_fcd_types};
 pub use gnp_force::MarkingKind;

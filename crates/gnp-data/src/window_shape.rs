@@ -45,6 +45,12 @@ impl WindowShape {
         whole.then_some(Self { step: step as usize, ..*self })
     }
 
+    /// Time from the first observed frame to the last one, s.
+    #[must_use]
+    pub fn observed_s(&self) -> f64 {
+        self.t_obs.saturating_sub(1) as f64 / self.rate_hz
+    }
+
     /// Period of the window's frames, s.
     #[must_use]
     pub fn dt(&self) -> f64 {

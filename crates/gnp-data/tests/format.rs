@@ -164,7 +164,10 @@ fn descriptions_name_columns_and_units() {
         assert!(text.contains(column), "{column}:\n{text}");
     }
     let names: Vec<&str> = FORMATS.iter().map(|format| format.title()).collect();
-    assert_eq!(names, if cfg!(feature = "readers") { &["NGSIM", "highD"][..] } else { &[] });
+    assert_eq!(
+        names,
+        if cfg!(feature = "readers") { &["NGSIM", "highD", "Plain tracks", "Argoverse 2"][..] } else { &[] }
+    );
     for format in FORMATS {
         assert!(describe(*format).starts_with(format.title()) && format.rate_hz() > 0.);
         assert_eq!(format_of(format.dataset()).unwrap().title(), format.title());

@@ -55,7 +55,7 @@ pub(crate) fn drawn(account: &Account) -> Vec<DrawnPart> {
     let part = |i: usize| {
         let part = &account.parts[i];
         let displacement = (1..=steps).map(|step| part.after(step)).collect();
-        DrawnPart { name: part.cause.to_string(), colour: colour(&part.cause), displacement }
+        DrawnPart { name: account.cause_name(&part.cause), colour: colour(&part.cause), displacement }
     };
     let mut parts: Vec<DrawnPart> = (0..reach.len()).filter(|i| !small.contains(i)).map(part).collect();
     if !small.is_empty() {

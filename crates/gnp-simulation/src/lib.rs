@@ -17,7 +17,7 @@ mod scene;
 
 pub use crate::{
     error::SimulationError,
-    output::{write_fcd, write_parquet},
+    output::write_parquet,
     recorder::Recorder,
     run::{Counts, Happening, Kind, Simulated},
     scene::{ClosureSpec, DriverSpec, InflowSpec, RoadSpec, Scene, SpeedLimit, Spread, StartSpec},

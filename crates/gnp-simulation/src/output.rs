@@ -1,5 +1,4 @@
 //! Files of a recording for other programs.
-mod fcd;
 mod table;
 
-pub use self::{fcd::write_fcd, table::write_parquet};
+pub use self::table::write_parquet;

@@ -1,6 +1,6 @@
 //! Files for other programs: what is written is read again.
 #![allow(clippy::unwrap_used, reason = "a test that cannot build its scene has failed")]
-use gnp_simulation::{Scene, Simulated, write_fcd, write_parquet};
+use gnp_simulation::{Scene, Simulated, write_parquet};
 use parquet::{
     file::reader::{FileReader, SerializedFileReader},
     record::RowAccessor,
@@ -50,19 +50,4 @@ fn the_table_holds_every_row() {
             assert_eq!(read.get_string(10).unwrap(), "truck");
         }
     }
-}
-
-#[test]
-fn floating_car_data_has_front_bumpers_and_lanes_from_the_right() {
-    let simulated = simulated();
-    let mut bytes = Vec::new();
-    write_fcd(&simulated.recording, &mut bytes).unwrap();
-    let text = String::from_utf8(bytes).unwrap();
-    assert_eq!(text.matches("<timestep ").count(), 100);
-    assert_eq!(text.matches("<vehicle ").count(), simulated.recording.len());
-    let first = text.lines().find(|line| line.contains("<vehicle id=\"1\"")).unwrap();
-    // The first vehicle stands with its rear at 0 m, in the right lane.
-    assert!(first.contains("x=\"16.50\"") && first.contains("lane=\"section_0\"") && first.contains("type=\"truck\""));
-    assert!(first.contains("angle=\"90.00\"") && first.contains("speed=\"25.00\""), "{first}");
-    assert!(text.starts_with("<?xml") && text.trim_end().ends_with("</fcd-export>"));
 }

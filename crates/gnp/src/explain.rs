@@ -128,6 +128,8 @@ pub fn explain(run: &Run, question: &Question) -> Result<Explained> {
 
 /// A vehicle at a moment, with what happened then where that is recorded.
 pub(crate) struct Moment<'a> {
+    /// The recording whose names of vehicles are used; numbers without.
+    pub(crate) names: Option<&'a Recording>,
     pub(crate) observation: Observation<'a>,
     pub(crate) window: Option<Window<'a>>,
 }
@@ -136,7 +138,16 @@ impl<'a> Moment<'a> {
     fn of(recording: &'a Recording, shape: WindowShape, id: WindowId) -> Option<Self> {
         let (track, row) = (id.track as usize, id.row as usize);
         let observation = Observation::new(recording, shape, track, row).ok()?;
-        Some(Self { observation, window: Window::new(recording, shape, track, row).ok() })
+        Some(Self { names: Some(recording), observation, window: Window::new(recording, shape, track, row).ok() })
+    }
+
+    /// The account of its prediction, in which vehicles have the names of the recording.
+    fn account(&self, seen: &Observation<'_>, forecast: &Forecast) -> Option<Account> {
+        let account = Account::of(seen.vehicle(), forecast.modes.first()?, seen.shape().dt())?;
+        Some(match self.names {
+            Some(recording) => account.named_as_in(recording),
+            None => account,
+        })
     }
 
     fn scene(&self, forecast: Forecast, title: String) -> Scene {
@@ -167,8 +178,8 @@ pub(crate) fn tell(
     let seen = &moment.observation;
     let key = seen.key();
     let forecast = gnp.predict(&[*seen], k)?.pop().unwrap_or_default();
-    let Some(as_it_is) = account(seen, &forecast) else { return Ok(None) };
-    let what = format!("{}, vehicle {}, frame {}", key.recording, key.vehicle, key.t0);
+    let Some(as_it_is) = moment.account(seen, &forecast) else { return Ok(None) };
+    let what = format!("{}, vehicle {}, frame {}", key.recording, as_it_is.name(key.vehicle), key.t0);
     let title = "What moves a vehicle from constant velocity to its predicted path";
     let mut figures = vec![contributions("contributions", title, &what, &as_it_is, source)];
     if changes.is_empty() {
@@ -187,7 +198,7 @@ pub(crate) fn tell(
         None => gnp.predict(&[changed_seen], k)?,
     };
     let changed_forecast = found.into_iter().next().unwrap_or_default();
-    let Some(changed) = account(&changed_seen, &changed_forecast) else { return Ok(None) };
+    let Some(changed) = moment.account(&changed_seen, &changed_forecast) else { return Ok(None) };
     let change = as_it_is.change_to(&changed);
     let before = moment.scene(forecast, what.clone());
     // What happened did not happen in the changed scene.
@@ -196,10 +207,6 @@ pub(crate) fn tell(
     let both = WhatIf { what: &words, before: &before, after: &after, marks: &marks, change: &change };
     figures.push(what_if("what-if", "What if: the forecast of a changed scene", &both, source));
     Ok(Some(Told { as_it_is, changed: Some(changed), changes: words, figures }))
-}
-
-fn account(seen: &Observation<'_>, forecast: &Forecast) -> Option<Account> {
-    Account::of(seen.vehicle(), forecast.modes.first()?, seen.shape().dt())
 }
 
 /// The scene with its changes but for the goal.

@@ -33,6 +33,7 @@
 //! ```
 
 mod config;
+mod convert;
 mod data;
 mod error;
 mod evaluation;
@@ -54,6 +55,7 @@ pub mod text;
 mod traffic;
 
 pub use crate::config::{DataConfig, GoalSection, PathSection, PredictConfig, RunConfig, Setting};
+pub use crate::convert::{Conversion, Converted, convert};
 pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder, road_options};
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};

@@ -1,6 +1,6 @@
 //! `predict`: forecasts for tracks whose future nobody knows.
 
-mod input;
+pub(crate) mod input;
 mod job;
 mod moments;
 mod output;
@@ -9,7 +9,7 @@ mod queue;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use gnp_data::Dataset;
+use gnp_data::{Dataset, TrackOptions};
 use gnp_eval::Provenance;
 use gnp_model::Gnp;
 
@@ -34,6 +34,8 @@ pub struct PredictRequest {
     pub model: Option<PathBuf>,
     /// Format of the tracks; found out where it is not given.
     pub format: Option<Dataset>,
+    /// What is known of the road, for formats whose tracks lie in any plane.
+    pub tracks: TrackOptions,
     /// At which times.
     pub at: At,
     /// Futures a vehicle; as the model's card says where it is not given.
@@ -48,7 +50,8 @@ impl PredictRequest {
     #[must_use]
     pub fn new(input: impl Into<PathBuf>, output: impl Into<PathBuf>) -> Self {
         let (input, output) = (input.into(), output.into());
-        Self { input, output, model: None, format: None, at: At::Last, k: None, jobs: None }
+        let tracks = TrackOptions::default();
+        Self { input, output, model: None, format: None, tracks, at: At::Last, k: None, jobs: None }
     }
 }
 
@@ -133,10 +136,10 @@ pub fn predict(request: &PredictRequest, machine: &Machine) -> Result<Predicted>
         simulated: card.data.simulated || input.sources.iter().any(|source| source.simulated),
         uses_future: false,
     };
-    let job = Job::new(card, &request.at, k, input.dataset)?;
+    let job = Job::new(card, request, k, input.dataset)?;
     let output = Output::begin(&request.output, &job, &input, provenance, machine)?;
     let jobs = request.jobs.unwrap_or_else(rayon::current_num_threads).max(1);
-    let queue = Queue { input: &input, output: &output, at: &request.at, k, machine };
+    let queue = Queue { input: &input, output: &output, tracks: &request.tracks, at: &request.at, k, machine };
     let (counts, finished_before) = queue.work(model.gnp(), jobs)?;
     if counts.forecasts == 0 {
         bail!(Recordings, "{}: nothing could be predicted: {}", request.input.display(), counts.sentence());

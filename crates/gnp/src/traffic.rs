@@ -11,10 +11,10 @@ use std::io::{BufWriter, Write as _};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use gnp_data::Recording;
+use gnp_data::{Recording, TrackTable, write_fcd, write_fcd_types};
 use gnp_measures::{Course, Settings, Summary, Traffic, cell_rows, detector_rows, event_rows};
 use gnp_plot::Source;
-use gnp_simulation::{Counts, Scene, Simulated, SimulationError, write_fcd, write_parquet};
+use gnp_simulation::{Counts, Scene, Simulated, SimulationError, write_parquet};
 use serde_json::Value;
 
 use crate::config::RunConfig;
@@ -146,7 +146,7 @@ fn keep(simulation: &Simulation, simulated: &Simulated, out: &Path, machine: &Ma
 /// Takes away what an earlier simulation or measurement wrote: not all of it is written each time.
 fn clear(out: &Path) -> Result<()> {
     let figures = figures::NAMES.iter().flat_map(|name| ["svg", "png"].map(|kind| format!("figures/{name}.{kind}")));
-    for name in figures.chain(["fcd.xml".to_owned()]) {
+    for name in figures.chain(["fcd.xml", "fcd.add.xml"].map(str::to_owned)) {
         let path = out.join(name);
         match fs::remove_file(&path) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -163,7 +163,9 @@ fn keep_tracks(recording: &Recording, out: &Path, fcd: bool) -> Result<()> {
     clear(out)?;
     to_file(&out.join("tracks.parquet"), |file| Ok(write_parquet(recording, file)?))?;
     if fcd {
-        to_file(&out.join("fcd.xml"), |file| Ok(write_fcd(recording, file)?))?;
+        let table = TrackTable::of(recording);
+        to_file(&out.join("fcd.xml"), |file| Ok(write_fcd(&table, file)?))?;
+        to_file(&out.join("fcd.add.xml"), |file| Ok(write_fcd_types(&table, file)?))?;
     }
     Ok(())
 }

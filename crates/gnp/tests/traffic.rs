@@ -21,7 +21,7 @@ fn a_scene_is_driven_measured_and_drawn() {
     assert_eq!(all.len(), 2);
     for (seed, measured) in [1, 2].into_iter().zip(&all) {
         assert_eq!(measured.out, out.join(format!("seed-{seed}")));
-        for file in FILES.iter().chain(&["happenings.csv", "fcd.xml", "figures/speed-field.svg"]) {
+        for file in FILES.iter().chain(&["happenings.csv", "fcd.xml", "fcd.add.xml", "figures/speed-field.svg"]) {
             assert!(measured.out.join(file).is_file(), "{file}");
         }
         let summary: serde_json::Value = serde_json::from_str(&read(&measured.out.join("summary.json"))).unwrap();
@@ -39,7 +39,7 @@ fn a_scene_is_driven_measured_and_drawn() {
     // Driven again without floating car data, the old file is gone.
     let again = Simulation { seeds: vec![1], out: all[0].out.clone(), fcd: false, ..simulation };
     simulate(&again, &Machine::default()).unwrap();
-    assert!(!all[0].out.join("fcd.xml").exists());
+    assert!(!all[0].out.join("fcd.xml").exists() && !all[0].out.join("fcd.add.xml").exists());
 }
 
 #[test]

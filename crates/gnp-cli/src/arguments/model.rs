@@ -6,7 +6,7 @@ use clap::{ArgGroup, Args};
 use gnp::At;
 use gnp_data::Dataset;
 
-use super::MachineArgs;
+use super::{MachineArgs, RoadArgs};
 use crate::names::{Place, dataset, place, positive_seconds, speed};
 
 /// Which tracks to predict, when, where to.
@@ -24,6 +24,9 @@ pub struct PredictArgs {
     /// Format of the tracks [default: the one that fits].
     #[arg(long, value_parser = dataset, value_name = "NAME")]
     pub(crate) format: Option<Dataset>,
+    /// On which road.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
     /// When: last (the last frame of a recording), every (a second apart, or --every), or times in s such as 12.5 or 10,20.
     #[arg(long, value_name = "WHEN", default_value = "last", allow_hyphen_values = true)]
     pub(crate) at: At,
@@ -57,6 +60,9 @@ pub struct ExplainArgs {
     /// Format of the tracks [default: the one that fits].
     #[arg(long, value_parser = dataset, value_name = "NAME", requires = "input")]
     pub(crate) format: Option<Dataset>,
+    /// On which road, of tracks.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
     /// Recording of the vehicle [default: any].
     #[arg(long, value_name = "NAME")]
     pub(crate) recording: Option<String>,

@@ -5,8 +5,9 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use gnp::{At, Change, ExportRequest, PredictRequest, Question, Run, TracksQuestion};
+use gnp_data::TrackOptions;
 
-use crate::arguments::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs};
+use crate::arguments::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs, RoadArgs};
 use crate::names::Place;
 use crate::program::Program;
 
@@ -15,7 +16,8 @@ pub(super) fn predict(args: &PredictArgs, program: &Program) -> Result<()> {
     let PredictArgs { input, output, model, format, k, .. } = args.clone();
     let at = args.every.map_or_else(|| args.at.clone(), At::Every);
     let (k, jobs) = (k.map(usize::from), args.jobs.map(usize::from));
-    let done = gnp::predict(&PredictRequest { input, output, model, format, at, k, jobs }, &machine)?;
+    let tracks = tracks(&args.road)?;
+    let done = gnp::predict(&PredictRequest { input, output, model, format, tracks, at, k, jobs }, &machine)?;
     if done.finished_before > 0 {
         machine.progress.note(&format!("{} files were predicted before", done.finished_before));
     }
@@ -40,7 +42,7 @@ pub(super) fn again(args: &PredictArgs) -> String {
         }
     }
     add("k", args.k.map(|k| k.to_string()));
-    line
+    line + &args.road.words()
 }
 
 pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
@@ -51,6 +53,7 @@ pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     let goal = args.goal.iter().map(|Place(goal)| Change::Goal(*goal));
     let changes: Vec<Change> = without.chain(speeds).chain(goal).collect();
     let (explained, place) = match (&args.run, &args.input) {
+        (Some(_), _) if args.road.any() => bail!("--road and --lines are for tracks (--input)"),
         (Some(folder), _) => {
             let run = Run::open(folder, &machine)?;
             let (vehicle, frame) = (args.vehicle.as_deref().map(number).transpose()?, args.at.map(whole).transpose()?);
@@ -61,8 +64,8 @@ pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
         }
         (None, Some(input)) => {
             let ExplainArgs { model, format, recording, vehicle, at, .. } = args.clone();
-            let question =
-                TracksQuestion { input: input.clone(), model, format, recording, vehicle, at_s: at, changes };
+            let (input, tracks) = (input.clone(), tracks(&args.road)?);
+            let question = TracksQuestion { input, model, format, tracks, recording, vehicle, at_s: at, changes };
             (gnp::explain_tracks(&question, &machine)?, PathBuf::from("explain"))
         }
         (None, None) => bail!("give a run (--run DIR) or tracks (--input PATH)"),
@@ -77,6 +80,12 @@ pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     explained.save_figures(&out)?;
     machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())
+}
+
+/// What readers are told of the road.
+fn tracks(args: &RoadArgs) -> Result<TrackOptions> {
+    let (road, lines) = args.parts()?;
+    Ok(gnp::road_options(road.as_deref(), lines.as_deref())?)
 }
 
 /// `--vehicle` of a run.

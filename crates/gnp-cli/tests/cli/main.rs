@@ -7,6 +7,7 @@ mod bad_input;
 mod cluster;
 mod copies;
 mod pipeline;
+mod predict;
 mod program;
 mod replay;
 mod settings;

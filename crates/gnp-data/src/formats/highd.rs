@@ -20,6 +20,9 @@ use crate::format::{Format, Source, check_rate};
 use crate::ingest_report::IngestReport;
 use crate::recording::{Recording, RecordingMeta};
 use crate::schema::{Column, Schema, TableSchema};
+use crate::track_options::TrackOptions;
+use crate::tracks::Tracks;
+use crate::write::{self, Written, along_road};
 
 mod checks;
 mod meta;
@@ -119,6 +122,14 @@ impl Format for HighD {
 
     fn read(&self, source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
         read(source, rate_hz)
+    }
+
+    fn written_as(&self) -> &[&str] {
+        &[""]
+    }
+
+    fn write(&self, tracks: &Tracks, options: &TrackOptions, to: &Path) -> Result<Written, DataError> {
+        along_road(tracks, options, |recording| write::highd::write(recording, to))
     }
 }
 

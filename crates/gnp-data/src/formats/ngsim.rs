@@ -18,6 +18,9 @@ use crate::format::{Format, Source};
 use crate::ingest_report::IngestReport;
 use crate::recording::Recording;
 use crate::schema::{Column, Schema, TableSchema};
+use crate::track_options::TrackOptions;
+use crate::tracks::Tracks;
+use crate::write::{self, Written, along_road};
 
 mod build;
 mod checks;
@@ -93,10 +96,19 @@ impl Format for Ngsim {
     fn read(&self, source: &Source, rate_hz: Option<f64>) -> Result<Vec<(Recording, IngestReport)>, DataError> {
         read(source, rate_hz)
     }
+
+    fn written_as(&self) -> &[&str] {
+        &[".csv", ".txt"]
+    }
+
+    fn write(&self, tracks: &Tracks, options: &TrackOptions, to: &Path) -> Result<Written, DataError> {
+        let options = TrackOptions { rate_hz: options.rate_hz.or(Some(RATE)), ..options.clone() };
+        along_road(tracks, &options, |recording| write::ngsim::write(recording, to))
+    }
 }
 
 /// The columns of a period's file, which has no header in the official text form.
-const COLUMNS: [&str; 18] = [
+pub(crate) const COLUMNS: [&str; 18] = [
     "Vehicle_ID",
     "Frame_ID",
     "Total_Frames",

@@ -3,6 +3,7 @@
 //! otherwise finds the line.
 
 use std::io::Cursor;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,6 +11,7 @@ use polars::prelude::{CsvReadOptions, DataFrame, DataType, PlSmallStr, PolarsRes
 
 use self::gzip::{Block, Blocks};
 use self::sniff::{Header, Separator};
+use super::words::Words;
 use crate::error::DataError;
 
 mod checks;
@@ -41,8 +43,16 @@ pub(super) enum Kind {
     Time,
     /// Numbers.
     Real,
+    /// Numbers in double precision.
+    Double,
+    /// The same; NaN where the field is empty.
+    Sparse,
     /// A few different words.
     Word,
+    /// Any number of different words.
+    Name,
+    /// The same, of which some may be empty.
+    Label,
 }
 
 /// A table to be read: where, and how it is laid out.
@@ -69,6 +79,8 @@ pub(super) enum Values {
     Whole(Vec<i32>),
     Time(Vec<i64>),
     Real(Vec<f32>),
+    Double(Vec<f64>),
+    Names(Words),
     /// Codes into the list of different words.
     Word(Vec<u16>, Vec<String>),
 }
@@ -112,13 +124,8 @@ impl Table {
 
     /// The wanted columns, in the order asked for.
     pub(super) fn read(&self, wanted: &[Wanted]) -> Result<Vec<Values>, DataError> {
-        if self.columns.len() > MAX_COLUMNS {
-            let reason = format!("it has {} columns, more than {MAX_COLUMNS}", self.columns.len());
-            return Err(DataError::Table { file: self.file.clone(), reason });
-        }
-        let mut sorted: Vec<usize> = (0..wanted.len()).collect();
-        sorted.sort_unstable_by_key(|i| wanted[*i].index);
-        let ordered: Vec<Wanted> = sorted.iter().map(|i| wanted[*i]).collect();
+        self.check_width()?;
+        let (sorted, ordered) = by_place(wanted);
         let mut values: Vec<Values> = ordered.iter().map(|column| Values::empty(column.kind)).collect();
 
         let mut blocks = Blocks::open(&self.file)?;
@@ -135,9 +142,49 @@ impl Table {
         if values.first().is_none_or(|column| column.len() == 0) {
             return Err(DataError::Empty { file: self.file.clone() });
         }
-        let mut places: Vec<Option<Values>> = values.into_iter().map(Some).collect();
-        let place = |i: usize| sorted.iter().position(|s| *s == i);
-        Ok((0..wanted.len()).filter_map(|i| places.get_mut(place(i)?)?.take()).collect())
+        Ok(as_asked(values, &sorted))
+    }
+
+    /// Hands the wanted columns, in the order asked for, of every block of lines to `take`, until it breaks.
+    ///
+    /// # Errors
+    /// As [`Table::read`]; what `take` returns.
+    pub(super) fn read_blocks(
+        &self,
+        wanted: &[Wanted],
+        take: &mut dyn FnMut(Vec<Values>) -> Result<ControlFlow<()>, DataError>,
+    ) -> Result<(), DataError> {
+        self.check_width()?;
+        let (sorted, ordered) = by_place(wanted);
+        let mut blocks = Blocks::open(&self.file)?;
+        let mut has_header = self.has_header;
+        let mut rows = 0;
+        while let Some(mut block) = blocks.next()? {
+            skip_head(&mut block, std::mem::take(&mut has_header));
+            let mut values: Vec<Values> = ordered.iter().map(|column| Values::empty(column.kind)).collect();
+            self.append(&block, &ordered, &mut values)?;
+            rows += values.first().map_or(0, Values::len);
+            if rows > MAX_ROWS {
+                return Err(self.too_long());
+            }
+            if values.first().is_some_and(|column| column.len() > 0) && take(as_asked(values, &sorted))?.is_break() {
+                break;
+            }
+        }
+        if rows == 0 { Err(DataError::Empty { file: self.file.clone() }) } else { Ok(()) }
+    }
+
+    fn check_width(&self) -> Result<(), DataError> {
+        if self.columns.len() <= MAX_COLUMNS {
+            return Ok(());
+        }
+        let reason = format!("it has {} columns, more than {MAX_COLUMNS}", self.columns.len());
+        Err(DataError::Table { file: self.file.clone(), reason })
+    }
+
+    fn too_long(&self) -> DataError {
+        let reason = format!("it has more than {MAX_ROWS} rows: cut it into several");
+        DataError::Table { file: self.file.clone(), reason }
     }
 
     /// Number of the line that holds data row `row`, the first line of the file being 1.
@@ -170,8 +217,7 @@ impl Table {
             return Err(diagnosis::first_fault(self, block, wanted, values));
         }
         if values.first().is_some_and(|column| column.len() > MAX_ROWS) {
-            let reason = format!("it has more than {MAX_ROWS} rows: cut it into several");
-            return Err(DataError::Table { file: self.file.clone(), reason });
+            return Err(self.too_long());
         }
         Ok(())
     }
@@ -205,7 +251,8 @@ impl Table {
                 (Kind::Time, false) => DataType::Int64,
                 (Kind::Whole | Kind::Time, true) => DataType::Float64,
                 (Kind::Real, _) => DataType::Float32,
-                (Kind::Word, _) => DataType::String,
+                (Kind::Double | Kind::Sparse, _) => DataType::Float64,
+                (Kind::Word | Kind::Name | Kind::Label, _) => DataType::String,
             };
         }
         let names = (0..types.len()).map(|i| PlSmallStr::from_string(format!("c{i}")));
@@ -226,7 +273,9 @@ impl Values {
             Kind::Whole => Self::Whole(Vec::new()),
             Kind::Time => Self::Time(Vec::new()),
             Kind::Real => Self::Real(Vec::new()),
+            Kind::Double | Kind::Sparse => Self::Double(Vec::new()),
             Kind::Word => Self::Word(Vec::new(), Vec::new()),
+            Kind::Name | Kind::Label => Self::Names(Words::default()),
         }
     }
 
@@ -235,7 +284,9 @@ impl Values {
             Self::Whole(v) => v.len(),
             Self::Time(v) => v.len(),
             Self::Real(v) => v.len(),
+            Self::Double(v) => v.len(),
             Self::Word(v, _) => v.len(),
+            Self::Names(words) => words.codes.len(),
         }
     }
 
@@ -249,6 +300,14 @@ impl Values {
 
     pub(super) fn real(self) -> Vec<f32> {
         if let Self::Real(v) = self { v } else { Vec::new() }
+    }
+
+    pub(super) fn double(self) -> Vec<f64> {
+        if let Self::Double(v) = self { v } else { Vec::new() }
+    }
+
+    pub(super) fn names(self) -> Words {
+        if let Self::Names(words) = self { words } else { Words::default() }
     }
 
     /// Codes and the words they stand for.
@@ -276,6 +335,21 @@ pub(super) fn line_of(file: &Path, mut left: usize) -> Result<u64, DataError> {
     Ok(last)
 }
 
+/// Wanted columns by their place in the table, and which of those asked for each is.
+fn by_place(wanted: &[Wanted]) -> (Vec<usize>, Vec<Wanted>) {
+    let mut sorted: Vec<usize> = (0..wanted.len()).collect();
+    sorted.sort_unstable_by_key(|i| wanted[*i].index);
+    let ordered = sorted.iter().map(|i| wanted[*i]).collect();
+    (sorted, ordered)
+}
+
+/// Columns by their place in the order asked for.
+fn as_asked(values: Vec<Values>, sorted: &[usize]) -> Vec<Values> {
+    let mut places: Vec<Option<Values>> = values.into_iter().map(Some).collect();
+    let place = |i: usize| sorted.iter().position(|s| *s == i);
+    (0..sorted.len()).filter_map(|i| places.get_mut(place(i)?)?.take()).collect()
+}
+
 /// Cuts a byte order mark and the header off the first block.
 fn skip_head(block: &mut Block, has_header: bool) {
     let mut cut = if block.bytes.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
@@ -295,7 +369,7 @@ fn skip_head(block: &mut Block, has_header: bool) {
 /// The wanted columns of a frame; `None` where a value is missing, not finite or not whole.
 fn columns(frame: &DataFrame, wanted: &[Wanted]) -> Option<Vec<Values>> {
     let read = frame.columns().iter().zip(wanted).map(|(column, wanted)| {
-        if column.null_count() > 0 {
+        if column.null_count() > 0 && !matches!(wanted.kind, Kind::Sparse | Kind::Label) {
             return None;
         }
         let series = column.as_materialized_series();
@@ -323,6 +397,16 @@ fn columns(frame: &DataFrame, wanted: &[Wanted]) -> Option<Vec<Values>> {
                 let values: Vec<f32> = join(series.f32().ok()?.downcast_iter().map(|part| part.values().as_slice()));
                 // Without a branch, so that it takes several values at a time.
                 values.iter().fold(true, |finite, v| finite & v.is_finite()).then_some(Values::Real(values))?
+            }
+            (Kind::Double, _) => {
+                let values: Vec<f64> = join(series.f64().ok()?.downcast_iter().map(|part| part.values().as_slice()));
+                values.iter().fold(true, |finite, v| finite & v.is_finite()).then_some(Values::Double(values))?
+            }
+            (Kind::Sparse, _) => Values::Double(series.f64().ok()?.iter().map(|v| v.unwrap_or(f64::NAN)).collect()),
+            (Kind::Name | Kind::Label, _) => {
+                let mut words = Words::default();
+                series.str().ok()?.iter().for_each(|word| words.push(word.unwrap_or("")));
+                Values::Names(words)
             }
             (Kind::Word, _) => {
                 let mut words: Vec<String> = Vec::new();
@@ -371,6 +455,8 @@ fn extend(values: &mut [Values], read: Vec<Values>) -> Option<()> {
             (Values::Whole(all), Values::Whole(more)) => append(all, more),
             (Values::Time(all), Values::Time(more)) => append(all, more),
             (Values::Real(all), Values::Real(more)) => append(all, more),
+            (Values::Double(all), Values::Double(more)) => append(all, more),
+            (Values::Names(all), Values::Names(more)) => more.iter().for_each(|word| all.push(word)),
             (Values::Word(all, words), Values::Word(more, new)) => {
                 let codes = new.iter().map(|word| code(words, None, word)).collect::<Option<Vec<u16>>>()?;
                 all.extend(more.into_iter().filter_map(|c| codes.get(usize::from(c))));

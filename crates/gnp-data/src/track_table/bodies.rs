@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::TrackTable;
+use super::{RowPlaces, TrackTable};
 use crate::recording::VehicleClass;
 
 /// [`VehicleClass::default_size`] of all classes.
@@ -158,6 +158,11 @@ impl TrackTable {
         }
         if let (Some(all), Some(more)) = (&mut self.lane, other.lane) {
             all.extend(more);
+        }
+        if let (RowPlaces::Numbers { numbers, .. }, RowPlaces::Numbers { numbers: more, .. }) =
+            (&mut self.places, other.places)
+        {
+            numbers.extend(more);
         }
         for (reason, rows) in other.skipped_rows {
             *self.skipped_rows.entry(reason).or_insert(0) += rows;

@@ -5,6 +5,7 @@
 mod bad_input;
 mod cache;
 mod contradictions;
+mod convert;
 mod copies;
 mod files;
 mod highd;
@@ -12,7 +13,9 @@ mod layouts;
 mod leaders;
 mod merged;
 mod ngsim;
+mod parts;
 mod quality;
+mod sumo;
 mod text;
 mod tracks;
 

@@ -1,6 +1,9 @@
 //! Tracks in any plane: tables, plain files, Argoverse 2.
 
+mod argoverse;
 mod bad_tables;
+mod parquet;
+mod plain;
 mod tables;
 
 use gnp_data::{DataError, Dataset, IngestReport, Recording, TrackOptions, TrackProblem, TrackTable};

@@ -219,3 +219,106 @@ fn copy(file: &File, metadata: &ParquetMetaData, writer: &mut SerializedFileWrit
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use gnp_data::{Dataset, Mode};
+    use parquet::record::Field;
+
+    use super::*;
+    use crate::predictions::{Detail, read_predictions};
+
+    fn provenance(model: &str) -> Provenance {
+        Provenance {
+            model: model.to_owned(),
+            dataset: Dataset::NGSIM,
+            rate_hz: 10.,
+            simulated: false,
+            uses_future: false,
+        }
+    }
+
+    fn forecast(start: f32) -> Forecast {
+        let mode = |probability, start: f32| Mode {
+            probability,
+            path: (1..=5).map(|step| [start * step as f32, -0.5]).collect(),
+            explanation: None,
+        };
+        Forecast { modes: vec![mode(0.25, start), mode(0.75, 2. * start)] }
+    }
+
+    fn key(vehicle: u32) -> WindowKey {
+        WindowKey { recording: "a".to_owned(), vehicle, segment: 0, t0: 30 }
+    }
+
+    /// A file of these vehicles, far from the origin of the plane.
+    fn write(path: &Path, vehicles: &[u32]) {
+        let mut writer = ForecastWriter::create(path, &provenance("m")).unwrap();
+        for vehicle in vehicles {
+            let of = ForecastOf {
+                key: &key(*vehicle),
+                vehicle_name: "ego",
+                time_s: 1e9 + 0.1,
+                past: "filled",
+                observed_s: 1.5,
+                origin: [100., 2.],
+                why: Some(format!("vehicle {vehicle}")),
+            };
+            let place = |at: [f32; 2]| [5e6 + f64::from(at[1]), f64::from(at[0])];
+            writer.write(&of, &forecast(*vehicle as f32), place).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+
+    #[test]
+    fn a_file_is_read_and_scored_by_its_window_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("f.parquet");
+        write(&path, &[3, 7]);
+        let read = read_predictions(&path, Detail::Paths).unwrap();
+        assert_eq!((read.len(), &read.get(&key(7)).unwrap().forecast), (2, &forecast(7.)));
+        let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+        let row = reader.get_row_iter(None).unwrap().next().unwrap().unwrap();
+        let of = |name: &str| row.get_column_iter().find(|(found, _)| *found == name).unwrap().1.clone();
+        assert_eq!((of("x"), of("y")), (Field::Double(5e6 + 1.5), Field::Double(103.)));
+        assert_eq!((of("time_s"), of("vehicle_name")), (Field::Double(1e9 + 0.1), Field::Str("ego".to_owned())));
+        assert_eq!((of("why"), of("leader")), (Field::Null, Field::Null));
+    }
+
+    #[test]
+    fn joined_parts_are_as_one_file_and_strangers_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        write(&path("a"), &[1, 2]);
+        write(&path("b"), &[3]);
+        write(&path("whole"), &[1, 2, 3]);
+        join_forecasts(&[path("a"), path("b")], &path("joined")).unwrap();
+        let rows = |name: &str| -> Vec<String> {
+            let reader = SerializedFileReader::new(File::open(path(name)).unwrap()).unwrap();
+            reader.get_row_iter(None).unwrap().map(|row| row.unwrap().to_string()).collect()
+        };
+        assert_eq!(rows("joined"), rows("whole"));
+        let pairs = |name: &str| open(&path(name)).unwrap().1.file_metadata().key_value_metadata().cloned();
+        assert_eq!(pairs("joined"), pairs("whole"));
+
+        let mut other = crate::PredictionWriter::create(&path("other"), &provenance("m")).unwrap();
+        other.write(&key(1), [0.; 2], &forecast(1.)).unwrap();
+        other.finish().unwrap();
+        let error = join_forecasts(&[path("a"), path("other")], &path("new")).unwrap_err();
+        assert!(matches!(error, EvalError::OtherColumns { .. }), "{error}");
+        assert!(matches!(join_forecasts(&[], &path("new")), Err(EvalError::NoParts { .. })));
+        std::fs::write(path("torn"), &std::fs::read(path("a")).unwrap()[..100]).unwrap();
+        assert!(matches!(join_forecasts(&[path("torn")], &path("new")), Err(EvalError::Parquet { .. })));
+        assert!(!path("new").exists());
+    }
+
+    #[test]
+    fn lengths_and_times_have_units() {
+        for column in forecast_columns() {
+            let measured = ["x", "y", "s", "d", "forward", "left", "time_s", "horizon_s", "observed_s", "t0"];
+            if measured.contains(&column.name.as_str()) {
+                assert!(!column.unit.is_empty(), "{}", column.name);
+            }
+        }
+    }
+}

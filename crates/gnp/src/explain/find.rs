@@ -75,7 +75,7 @@ fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Moment<'a>>> {
     }
     let moment = |id: WindowId| {
         let window = set.get(id)?;
-        Some(Moment { observation: window.observation(), window: Some(window) })
+        Some(Moment { names: set.recording(id), observation: window.observation(), window: Some(window) })
     };
     Ok(ids.into_iter().filter_map(moment).collect())
 }

@@ -14,7 +14,8 @@ impl Explained {
     pub fn text(&self) -> String {
         let key = &self.key;
         let simulated = if self.simulated { ", *simulated*" } else { "" };
-        let head = format!("{}, vehicle {}, frame {}{simulated}", key.recording, key.vehicle, key.t0);
+        let vehicle = self.as_it_is.name(key.vehicle);
+        let head = format!("{}, vehicle {vehicle}, frame {}{simulated}", key.recording, key.t0);
         let mut parts = vec![format!("{head}\n{}\n\n{}", self.as_it_is.sentence(), table(&self.as_it_is, "path"))];
         if let (Some(changed), Some(change)) = (&self.changed, self.change()) {
             let words = capital(&self.changes);
@@ -31,6 +32,7 @@ impl Explained {
         json!({
             "recording": key.recording,
             "vehicle": key.vehicle,
+            "vehicle_name": self.as_it_is.name(key.vehicle),
             "segment": key.segment,
             "frame": key.t0,
             "simulated": self.simulated,
@@ -58,7 +60,7 @@ fn table(account: &Account, last: &str) -> String {
         (name.to_owned(), numbers.collect::<String>())
     };
     let mut rows = vec![row("constant velocity", &|step| account.constant_velocity(step))];
-    rows.extend(account.parts.iter().map(|part| row(&part.cause.to_string(), &|step| part.after(step))));
+    rows.extend(account.parts.iter().map(|part| row(&account.cause_name(&part.cause), &|step| part.after(step))));
     rows.push(row("sum of the causes", &|step| account.sum(step)));
     rows.push(row(last, &|step| account.path_at(step)));
     let wide = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
@@ -90,7 +92,7 @@ fn account(account: &Account, sentence: String) -> Value {
         };
         let place = if let Cause::Leader { place, .. } = part.cause { Some(place) } else { None };
         json!({
-            "cause": part.cause.to_string(),
+            "cause": account.cause_name(&part.cause),
             "kind": kind,
             "vehicle": vehicle,
             "place": place,
@@ -116,6 +118,8 @@ fn capital(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use gnp_data::{Contribution, WindowKey};
 
     use super::*;
@@ -131,7 +135,14 @@ mod tests {
                 let square = (step * step) as f32;
                 [10. * step as f32 + (leader + 0.1) * square, 0.5 * step as f32 - 0.002]
             };
-            Account { vehicle: 12, dt: 1., velocity: [10., 0.5], parts, path: (1..=5).map(at).collect() }
+            Account {
+                vehicle: 12,
+                dt: 1.,
+                velocity: [10., 0.5],
+                parts,
+                path: (1..=5).map(at).collect(),
+                names: BTreeMap::new(),
+            }
         };
         Explained {
             key: WindowKey { recording: "us101-2".to_owned(), vehicle: 12, segment: 0, t0: 130 },

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gnp_data::{Dataset, Expectation, Predictor as _, Recording, Snapshot, read};
+use gnp_data::{Dataset, Predictor as _, Recording, Snapshot, TrackOptions, WindowShape, read_with};
 use gnp_plot::Source as Words;
 
 use super::find::{self, leader_part};
@@ -10,7 +10,7 @@ use super::{Change, Explained, Moment, Told, tell};
 use crate::error::{Result, bail};
 use crate::machine::Machine;
 use crate::model::Model;
-use crate::predict::{At, Input};
+use crate::predict::{Asked, At, Input};
 
 /// Which vehicle of which tracks, when, by which model, and what is changed.
 #[derive(Clone, Debug, Default)]
@@ -21,6 +21,8 @@ pub struct TracksQuestion {
     pub model: Option<PathBuf>,
     /// Format of the tracks; found out where it is not given.
     pub format: Option<Dataset>,
+    /// What is known of the road, for formats whose tracks lie in any plane.
+    pub tracks: TrackOptions,
     /// Name of the recording; without it, the one that has the vehicle.
     pub recording: Option<String>,
     /// Name or number of the vehicle; without it, one that its leader moves far.
@@ -42,13 +44,14 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
     let input = Input::find(&question.input, question.format)?;
     input.notes.iter().for_each(|note| machine.progress.note(note));
     let recording = recording(question, &input, machine)?;
-    let frame = frame(question, &recording)?;
     let Some(shape) = model.gnp().shape().at_rate(recording.meta().rate_hz) else {
         return Err(crate::predict::wrong_rate(&recording, model.gnp().shape()));
     };
+    let frame = frame(question, &recording, model.gnp().shape())?;
     let snapshot = Snapshot::of(&recording, frame, shape).map_err(gnp_data::DataError::from)?;
     let gnp = model.gnp().clone().explaining(true);
-    let asked = |vehicle: u32| question.vehicle.as_ref().is_none_or(|name| named(vehicle, name));
+    let asked_for = asked_for(question, &recording);
+    let asked = |vehicle: u32| asked_for.is_none_or(|asked| asked == Some(vehicle));
     let fitting: Vec<_> =
         snapshot.vehicles().filter(|it| asked(it.vehicle())).filter_map(|it| it.observation()).collect();
     let best = if fitting.len() > 1 {
@@ -69,7 +72,7 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
     let meta = recording.meta();
     let simulated = meta.simulated || model.card().data.simulated;
     let words = Words { words: format!("{} by the model {}", meta.name, model.card().name), simulated };
-    let moment = Moment { observation, window: None };
+    let moment = Moment { names: Some(&recording), observation, window: None };
     let Some(told) = tell(&gnp, &moment, &question.changes, model.card().predict.k, &words)? else {
         bail!(Recordings, "the model {} has no physics to explain its forecasts by", model.card().name);
     };
@@ -80,21 +83,22 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
     Ok(Explained { key, simulated, as_it_is, changed, changes, figures })
 }
 
-fn named(vehicle: u32, name: &str) -> bool {
-    name.trim().parse() == Ok(vehicle)
+/// The number of the vehicle that is asked for; `None` where any is.
+fn asked_for(question: &TracksQuestion, recording: &Recording) -> Option<Option<u32>> {
+    let name = question.vehicle.as_deref()?.trim();
+    let has = |vehicle: &u32| recording.tracks().iter().any(|track| track.vehicle == *vehicle);
+    Some(recording.vehicle_named(name).or_else(|| name.parse().ok().filter(has)))
 }
 
 /// The one recording that fits.
 fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Result<Recording> {
-    let expect = Expectation { dataset: input.dataset, rate_hz: None };
     let (mut found, mut others): (Option<Recording>, Vec<String>) = (None, Vec::new());
     for source in &input.sources {
         machine.stop.check()?;
-        for (recording, _) in read(source, &expect)? {
+        for (recording, _) in read_with(source, input.dataset, &question.tracks)? {
             let name = &recording.meta().name;
-            let has = |vehicle: &String| recording.tracks().iter().any(|track| named(track.vehicle, vehicle));
             let fits = question.recording.as_ref().is_none_or(|asked| asked == name)
-                && question.vehicle.as_ref().is_none_or(has);
+                && asked_for(question, &recording) != Some(None);
             match &found {
                 _ if !fits => others.push(name.clone()),
                 Some(earlier) => bail!(
@@ -122,12 +126,12 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
 }
 
 /// The frame that is asked for.
-fn frame(question: &TracksQuestion, recording: &Recording) -> Result<u32> {
-    let tracks = recording.tracks().iter();
-    let asked = tracks.filter(|track| question.vehicle.as_ref().is_none_or(|name| named(track.vehicle, name)));
+fn frame(question: &TracksQuestion, recording: &Recording, shape: WindowShape) -> Result<u32> {
+    let asked_for = asked_for(question, recording);
+    let asked = recording.tracks().iter().filter(|track| asked_for.is_none_or(|asked| asked == Some(track.vehicle)));
     let last = asked.map(|track| track.last_frame()).max().unwrap_or(0);
     let Some(at_s) = question.at_s else { return Ok(last) };
-    match At::Times(vec![at_s]).frames(recording).0.first() {
+    match Asked::of(recording, &At::Times(vec![at_s]), shape)?.frames().first() {
         Some(frame) => Ok(*frame),
         None => {
             let [from, to] = crate::predict::span_s(recording);

@@ -49,7 +49,7 @@ fn recognised(root: &Path) -> Result<(Dataset, Discovery)> {
         let names: Vec<&str> = fitting.iter().map(|(dataset, _)| dataset.as_str()).collect();
         bail!(
             Recordings,
-            "{}: there are tracks of several formats, {}; say which: --format",
+            "{}: there are tracks of several formats, {}; say which is meant",
             root.display(),
             names.join(", ")
         );

@@ -1,10 +1,11 @@
 //! What decides the content of an output: another job does not go on with it.
 
-use gnp_data::Dataset;
+use gnp_data::{Dataset, TrackOptions};
 use gnp_file::sha256;
 use gnp_model::ModelCard;
 use serde::{Deserialize, Serialize};
 
+use super::PredictRequest;
 use super::moments::At;
 use crate::error::Result;
 
@@ -20,22 +21,27 @@ pub(super) struct Job {
     at: At,
     k: usize,
     format: Dataset,
+    /// SHA-256 of what is said of the road.
+    road_sha256: String,
 }
 
 impl Job {
     /// The job of a request.
     ///
     /// # Errors
-    /// When the settings of the card have no JSON form.
-    pub(super) fn new(card: &ModelCard, at: &At, k: usize, format: Dataset) -> Result<Self> {
+    /// When the settings of the card or the road have no JSON form.
+    pub(super) fn new(card: &ModelCard, request: &PredictRequest, k: usize, format: Dataset) -> Result<Self> {
+        let TrackOptions { rate_hz, road, lines } = &request.tracks;
+        let road = serde_json::to_string(&(rate_hz, road, lines))?;
         let settings = serde_json::to_string(&(&card.predict, &card.files))?;
         Ok(Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             model: card.name.clone(),
             model_sha256: sha256([settings.as_bytes()]),
-            at: at.clone(),
+            at: request.at.clone(),
             k,
             format,
+            road_sha256: sha256([road.as_bytes()]),
         })
     }
 
@@ -45,6 +51,7 @@ impl Job {
             (self.model_sha256 == earlier.model_sha256 && self.model == earlier.model, "another model"),
             (self.at == earlier.at, "other times"),
             (self.k == earlier.k, "another number of futures"),
+            (self.road_sha256 == earlier.road_sha256, "another road"),
             (self.format == earlier.format, "another format"),
             (self.version == earlier.version, "another version of this program"),
         ];

@@ -1,7 +1,8 @@
 //! Which vehicles are predicted at which moments of a recording, and their forecasts.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
+use std::ops::Range;
 use std::str::FromStr;
 
 use gnp_data::{Account, Forecast, Observation, Past, PredictError, Predictor, Recording, Snapshot, WindowShape};
@@ -52,33 +53,6 @@ impl At {
         }
         Ok(())
     }
-
-    /// Frames of a recording, in order, each once, and how many of the asked times are outside of it.
-    pub(crate) fn frames(&self, recording: &Recording) -> (Vec<u32>, u64) {
-        let tracks = recording.tracks();
-        let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
-        let last = tracks.iter().map(|track| track.last_frame()).max().unwrap_or(0);
-        let rate_hz = recording.meta().rate_hz;
-        match self {
-            _ if tracks.is_empty() => (Vec::new(), 0),
-            Self::Last => (vec![last], 0),
-            Self::Every(seconds) => {
-                let step = (seconds * rate_hz).round().clamp(1., f64::from(u32::MAX)) as usize;
-                ((first..=last).step_by(step).collect(), 0)
-            }
-            Self::Times(times) => {
-                let frame = |time: &f64| {
-                    let frame = ((time - start_s(recording)) * rate_hz).round();
-                    (f64::from(first)..=f64::from(last)).contains(&frame).then_some(frame as u32)
-                };
-                let mut frames: Vec<u32> = times.iter().filter_map(frame).collect();
-                let outside = times.len() - frames.len();
-                frames.sort_unstable();
-                frames.dedup();
-                (frames, outside as u64)
-            }
-        }
-    }
 }
 
 impl FromStr for At {
@@ -123,7 +97,7 @@ impl fmt::Display for Unpredicted {
     }
 }
 
-/// The moments of a recording at which vehicles are predicted.
+/// The moments of a recording at which vehicles are predicted; or of one of its parts.
 #[derive(Clone, Debug)]
 pub struct Asked {
     shape: WindowShape,
@@ -147,48 +121,113 @@ pub struct Forecasted<'a> {
 }
 
 impl Forecasted<'_> {
-    /// A sentence on what moves the vehicle; `None` without an explanation.
+    /// A sentence on what moves the vehicle, by the names of the recording; `None` without an explanation.
     #[must_use]
-    pub fn why(&self) -> Option<String> {
+    pub fn why(&self, recording: &Recording) -> Option<String> {
         let seen = &self.observation;
         let prediction = self.forecast.modes.first()?;
-        Some(Account::of(seen.vehicle(), prediction, seen.shape().dt())?.sentence())
+        let account = Account::of(seen.vehicle(), prediction, seen.shape().dt())?;
+        Some(account.named_as_in(recording).sentence())
     }
 }
 
+/// The asked moments of a recording that comes in parts, in the order of time.
+pub(crate) struct Moments<'a> {
+    at: &'a At,
+    shape: WindowShape,
+    /// First frame of the recording, once there is one.
+    first: Option<u32>,
+    /// Asked times that were in a part.
+    met: BTreeSet<usize>,
+}
+
+impl<'a> Moments<'a> {
+    pub(crate) fn new(at: &'a At, shape: WindowShape) -> Self {
+        Self { at, shape, first: None, met: BTreeSet::new() }
+    }
+
+    /// The moments in a part that holds the frames `asked`; `last` says that no other part follows.
+    ///
+    /// # Errors
+    /// When the recording has neither the rate of the model nor a whole multiple of it.
+    pub(crate) fn of(&mut self, recording: &Recording, asked: &Range<u32>, last: bool) -> Result<Asked> {
+        let Some(shape) = self.shape.at_rate(recording.meta().rate_hz) else {
+            return Err(wrong_rate(recording, self.shape));
+        };
+        let (all, tracks) = (recording.columns().x.len(), recording.tracks());
+        let there = tracks.iter().filter(|track| all > 0 && track.last_frame() >= asked.start);
+        let ends = there.fold(None, |ends: Option<[u32; 2]>, track| {
+            let [first, last] = ends.unwrap_or([u32::MAX, 0]);
+            Some([first.min(track.first_frame.max(asked.start)), last.max(track.last_frame())])
+        });
+        let Some([first, end]) = ends else {
+            return Ok(Asked { shape, frames: Vec::new(), left_out: BTreeMap::new() });
+        };
+        let from = *self.first.get_or_insert(first);
+        let frames: Vec<u32> = match self.at {
+            At::Last if last => vec![end],
+            At::Last => Vec::new(),
+            At::Every(seconds) => {
+                let step = (seconds * recording.meta().rate_hz).round().clamp(1., f64::from(u32::MAX)) as usize;
+                let skipped = (step - (first - from) as usize % step) % step;
+                (first..=end).skip(skipped).step_by(step).collect()
+            }
+            At::Times(times) => {
+                let mut frames = BTreeSet::new();
+                for (i, time) in times.iter().enumerate() {
+                    let frame = ((time - recording.meta().start_s) * recording.meta().rate_hz).round();
+                    if (f64::from(first)..=f64::from(end)).contains(&frame) {
+                        self.met.insert(i);
+                        frames.insert(frame as u32);
+                    }
+                }
+                frames.into_iter().collect()
+            }
+        };
+        let (frames, nobody): (Vec<u32>, Vec<u32>) =
+            frames.into_iter().partition(|frame| !recording.present(*frame).is_empty());
+        Ok(Asked { shape, frames, left_out: counted(Unpredicted::NobodyThere, nobody.len()) })
+    }
+
+    /// Asked times that were in no part.
+    pub(crate) fn outside(&self) -> BTreeMap<Unpredicted, u64> {
+        let asked = if let At::Times(times) = self.at { times.len() } else { 0 };
+        counted(Unpredicted::OutsideRecording, asked - self.met.len())
+    }
+}
+
+fn counted(why: Unpredicted, count: usize) -> BTreeMap<Unpredicted, u64> {
+    if count > 0 { BTreeMap::from([(why, count as u64)]) } else { BTreeMap::new() }
+}
+
 impl Asked {
-    /// The moments of `at`, for a model of windows like `shape`.
+    /// The moments of `at` in a whole recording, for a model of windows like `shape`.
     ///
     /// # Errors
     /// When the recording has neither the rate of the model nor a whole multiple of it.
     pub fn of(recording: &Recording, at: &At, shape: WindowShape) -> Result<Self> {
-        let meta = recording.meta();
-        let Some(shape) = shape.at_rate(meta.rate_hz) else {
-            return Err(wrong_rate(recording, shape));
-        };
-        let (all, outside) = at.frames(recording);
-        let (frames, nobody): (Vec<u32>, Vec<u32>) =
-            all.into_iter().partition(|frame| !recording.present(*frame).is_empty());
-        let mut left_out = BTreeMap::new();
-        for (why, count) in [(Unpredicted::OutsideRecording, outside), (Unpredicted::NobodyThere, nobody.len() as u64)]
-        {
-            if count > 0 {
-                left_out.insert(why, count);
-            }
-        }
-        Ok(Self { shape, frames, left_out })
+        let mut moments = Moments::new(at, shape);
+        let mut asked = moments.of(recording, &(0..u32::MAX), true)?;
+        asked.left_out.extend(moments.outside());
+        Ok(asked)
+    }
+
+    /// The frames.
+    #[must_use]
+    pub fn frames(&self) -> &[u32] {
+        &self.frames
+    }
+
+    /// How many vehicles are there at these moments, all together.
+    #[must_use]
+    pub fn vehicles(&self, recording: &Recording) -> usize {
+        self.frames.iter().map(|frame| recording.present(*frame).len()).sum()
     }
 
     /// Moments that have no forecast, by reason.
     #[must_use]
     pub fn left_out(&self) -> &BTreeMap<Unpredicted, u64> {
         &self.left_out
-    }
-
-    /// Vehicles at the moments, those among them that will have no forecast.
-    #[must_use]
-    pub fn vehicles(&self, recording: &Recording) -> usize {
-        self.frames.iter().map(|frame| recording.present(*frame).len()).sum()
     }
 
     /// The frames in pieces of at least `vehicles` vehicles each, but for the last one.
@@ -260,7 +299,7 @@ pub fn forecasts(
                 let shape = asked.shape;
                 let observed_s = match past {
                     Past::Filled { observed_s } => *observed_s,
-                    _ => (shape.t_obs - 1) as f64 * shape.dt(),
+                    _ => shape.observed_s(),
                 };
                 let (observation, frame, past) = (*observation, *frame, *past);
                 take(&Forecasted { observation, frame, past, observed_s, forecast })?;
@@ -302,10 +341,5 @@ pub(crate) fn span_s(recording: &Recording) -> [f64; 2] {
     let tracks = recording.tracks();
     let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
     let last = tracks.iter().map(|track| track.last_frame()).max().unwrap_or(0);
-    [first, last].map(|frame| start_s(recording) + f64::from(frame) / recording.meta().rate_hz)
-}
-
-/// Time of frame 0 on the clock of the tracks, s.
-pub(super) fn start_s(recording: &Recording) -> f64 {
-    recording.meta().start_s
+    [first, last].map(|frame| recording.meta().time_s(frame))
 }

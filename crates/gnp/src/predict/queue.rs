@@ -1,14 +1,15 @@
 //! The work of a prediction, shared by several threads: each takes a piece of a recording, or reads the next file.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::ops::ControlFlow;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-use gnp_data::{Expectation, Past, Recording, Source, WindowKey, read};
+use gnp_data::{Part as FormatPart, PartSize, Past, Recording, Source, TrackOptions, WindowKey, format_of};
 use gnp_eval::{ForecastOf, ForecastWriter};
 use gnp_model::Gnp;
 
-use super::moments::{Asked, At, Unpredicted, forecasts, start_s};
+use super::moments::{Asked, At, Moments, Unpredicted, forecasts};
 use super::output::{Output, Part};
 use super::{Counts, Input, predictor};
 use crate::error::{Error, Result};
@@ -17,6 +18,10 @@ use crate::progress::Work;
 
 /// Vehicles at a moment in a piece, at least: what is written as a group of rows and done again after a kill.
 const PIECE: usize = 512;
+/// Rows of a part of a recording that is read in parts, at most: some 100 MB while it is read.
+const PART_ROWS: usize = 1_000_000;
+/// Time before what a model looks back on that a part holds as well, s: velocities of its first rows need it.
+const BEFORE_S: f64 = 1.;
 /// Pieces that wait, for each worker, before who reads helps with them: they hold recordings in memory.
 const WAITING: usize = 2;
 
@@ -24,6 +29,7 @@ const WAITING: usize = 2;
 pub(super) struct Queue<'a> {
     pub(super) input: &'a Input,
     pub(super) output: &'a Output,
+    pub(super) tracks: &'a TrackOptions,
     pub(super) at: &'a At,
     pub(super) k: usize,
     pub(super) machine: &'a Machine,
@@ -38,7 +44,7 @@ struct Open<'a> {
 #[derive(Default)]
 struct OpenState {
     counts: Counts,
-    /// By recording and piece.
+    /// By part of the source and piece.
     parts: BTreeMap<(usize, usize), Part>,
     /// Pieces that are not done, and one while it is read.
     pending: usize,
@@ -48,7 +54,7 @@ struct OpenState {
 struct Piece<'a> {
     open: Arc<Open<'a>>,
     recording: Arc<Recording>,
-    /// Number of the recording in its source, and of the piece in the recording.
+    /// Number of the part in its source, and of the piece in the part.
     number: (usize, usize),
     asked: Asked,
 }
@@ -68,6 +74,8 @@ struct State<'a> {
     reading: usize,
     failed: Option<Error>,
     counts: Counts,
+    /// Forecasts, of sources that are not finished, too.
+    made: u64,
     finished_sources: usize,
     finished_before: usize,
 }
@@ -157,37 +165,35 @@ impl<'a> Queue<'a> {
     /// Reads a source and hands out its pieces.
     fn source(&'a self, source: &'a Source, gnp: &Gnp, shared: &Shared<'a>, jobs: usize) -> Result<()> {
         if let Some(counts) = self.output.begin_source(self.input, source)? {
-            locked(&shared.state).finished_before += 1;
+            {
+                let mut state = locked(&shared.state);
+                state.finished_before += 1;
+                state.made += counts.forecasts;
+            }
             self.finished(&counts, &source.name, shared);
             return Ok(());
         }
         let open = OpenState { pending: 1, ..OpenState::default() };
         let open = Arc::new(Open { source, state: Mutex::new(open) });
-        let expect = Expectation { dataset: self.input.dataset, rate_hz: None };
-        for (number, (recording, _)) in read(source, &expect)?.into_iter().enumerate() {
-            let asked = Asked::of(&recording, self.at, gnp.shape())?;
-            let pieces = asked.pieces(&recording, PIECE);
-            {
-                let mut state = locked(&open.state);
-                state.pending += pieces.len();
-                state.counts.recordings += 1;
-                leave_out(&mut state.counts, asked.left_out());
-            }
-            let recording = Arc::new(recording);
-            for (piece, asked) in pieces.into_iter().enumerate() {
-                let (open, recording) = (Arc::clone(&open), Arc::clone(&recording));
-                let added = Piece { open, recording, number: (number, piece), asked };
-                let mut state = locked(&shared.state);
-                state.pieces.push_back(added);
-                let help = if state.pieces.len() > WAITING * jobs { state.pieces.pop_front() } else { None };
-                drop(state);
-                shared.changed.notify_all();
-                if let Some(piece) = help {
-                    self.machine.stop.check()?;
-                    self.piece(piece, gnp, shared)?;
+        let mut reading = Reading { queue: self, gnp, shared, jobs, open: &open, number: 0, moments: None, held: None };
+        let size = PartSize::new(PART_ROWS, gnp.shape().observed_s() + BEFORE_S);
+        let mut failed = None;
+        format_of(self.input.dataset)?.read_parts(
+            source,
+            self.tracks,
+            &size,
+            &mut |part| match reading.take(part) {
+                Ok(()) => ControlFlow::Continue(()),
+                Err(error) => {
+                    failed = Some(error);
+                    ControlFlow::Break(())
                 }
-            }
+            },
+        )?;
+        if let Some(error) = failed {
+            return Err(error);
         }
+        reading.end()?;
         self.one_less(&open, shared)
     }
 
@@ -200,6 +206,12 @@ impl<'a> Queue<'a> {
             Some(counts) => counts,
             None => self.predict(&recording, &asked, gnp, &part)?,
         };
+        let (done, made) = {
+            let mut state = locked(&shared.state);
+            state.made += counts.forecasts;
+            (state.finished_sources, state.made)
+        };
+        locked(&shared.progress).at(done as u64, &format!("{name}, {made} forecasts"));
         {
             let mut state = locked(&open.state);
             state.counts.add(&counts);
@@ -212,19 +224,18 @@ impl<'a> Queue<'a> {
     fn predict(&self, recording: &Recording, asked: &Asked, gnp: &Gnp, part: &Part) -> Result<Counts> {
         let mut writer = ForecastWriter::create(&part.path, &self.output.provenance)?;
         let mut counts = Counts::default();
-        let (start_s, rate_hz) = (start_s(recording), recording.meta().rate_hz);
         let left_out = forecasts(gnp, recording, asked, self.k, |made| {
             self.machine.stop.check()?;
             let seen = &made.observation;
             let key = WindowKey { t0: made.frame, ..seen.key() };
             let filled = made.past != Past::Full;
             let of = ForecastOf {
-                vehicle_name: &seen.vehicle().to_string(),
-                time_s: start_s + f64::from(made.frame) / rate_hz,
+                vehicle_name: &recording.vehicle_name(seen.vehicle()),
+                time_s: recording.meta().time_s(made.frame),
                 past: if filled { "filled" } else { "full" },
                 observed_s: made.observed_s,
                 origin: seen.origin(),
-                why: made.why(),
+                why: made.why(recording),
                 key: &key,
             };
             let road = seen.road();
@@ -256,13 +267,84 @@ impl<'a> Queue<'a> {
     }
 
     fn finished(&self, counts: &Counts, name: &str, shared: &Shared<'a>) {
-        let (done, forecasts) = {
+        let (done, made) = {
             let mut state = locked(&shared.state);
             state.counts.add(counts);
             state.finished_sources += 1;
-            (state.finished_sources, state.counts.forecasts)
+            (state.finished_sources, state.made)
         };
-        locked(&shared.progress).at(done as u64, &format!("{name}, {forecasts} forecasts"));
+        locked(&shared.progress).at(done as u64, &format!("{name}, {made} forecasts"));
+    }
+}
+
+/// A source while it is read: whole recordings, or one in parts.
+struct Reading<'q, 'a> {
+    queue: &'a Queue<'a>,
+    gnp: &'q Gnp,
+    shared: &'q Shared<'a>,
+    jobs: usize,
+    open: &'q Arc<Open<'a>>,
+    /// Of the part that is read next.
+    number: usize,
+    /// Those of the recording whose parts are read, by its name.
+    moments: Option<(String, Moments<'a>)>,
+    /// The part before, of which is not known yet whether it is the last of its recording.
+    held: Option<FormatPart>,
+}
+
+impl Reading<'_, '_> {
+    /// Takes the next part, and hands out the one before.
+    fn take(&mut self, part: FormatPart) -> Result<()> {
+        self.queue.machine.stop.check()?;
+        let same = self.held.as_ref().is_some_and(|held| held.recording.meta().name == part.recording.meta().name);
+        self.hand_out(!same)?;
+        self.held = Some(part);
+        Ok(())
+    }
+
+    /// Hands out the last part.
+    fn end(&mut self) -> Result<()> {
+        self.hand_out(true)
+    }
+
+    fn hand_out(&mut self, last: bool) -> Result<()> {
+        let Some(FormatPart { recording, asked, .. }) = self.held.take() else { return Ok(()) };
+        let Queue { at, .. } = *self.queue;
+        let name = recording.meta().name.clone();
+        let (_, moments) = match &mut self.moments {
+            Some(of) if of.0 == name => of,
+            other => {
+                locked(&self.open.state).counts.recordings += 1;
+                other.insert((name, Moments::new(at, self.gnp.shape())))
+            }
+        };
+        let asked = moments.of(&recording, &asked, last)?;
+        let outside = if last { moments.outside() } else { BTreeMap::new() };
+        let pieces = asked.pieces(&recording, PIECE);
+        {
+            let mut state = locked(&self.open.state);
+            state.pending += pieces.len();
+            leave_out(&mut state.counts, asked.left_out());
+            leave_out(&mut state.counts, &outside);
+        }
+        let recording = Arc::new(recording);
+        for (piece, asked) in pieces.into_iter().enumerate() {
+            let (open, recording) = (Arc::clone(self.open), Arc::clone(&recording));
+            let mut state = locked(&self.shared.state);
+            state.pieces.push_back(Piece { open, recording, number: (self.number, piece), asked });
+            let help = if state.pieces.len() > WAITING * self.jobs { state.pieces.pop_front() } else { None };
+            drop(state);
+            self.shared.changed.notify_all();
+            if let Some(piece) = help {
+                self.queue.machine.stop.check()?;
+                self.queue.piece(piece, self.gnp, self.shared)?;
+            }
+        }
+        self.number += 1;
+        if last {
+            self.moments = None;
+        }
+        Ok(())
     }
 }
 

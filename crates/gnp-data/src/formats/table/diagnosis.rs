@@ -168,16 +168,19 @@ fn rejected(table: &Table, block: &Block, wanted: &[Wanted]) -> u64 {
 }
 
 fn check(value: &str, kind: Kind) -> Result<(), &'static str> {
+    if kind == Kind::Label || (kind == Kind::Sparse && value.is_empty()) {
+        return Ok(());
+    }
     if value.is_empty() {
         return Err("is empty; fill it in or remove the row");
     }
-    if kind == Kind::Word {
+    if matches!(kind, Kind::Word | Kind::Name) {
         return Ok(());
     }
     let Ok(number) = value.parse::<f64>() else {
         return Err("is not a number; repair the value or remove the row");
     };
-    if !number.is_finite() {
+    if kind != Kind::Sparse && !number.is_finite() {
         return Err("is not finite; repair the value or remove the row");
     }
     match kind {

@@ -25,7 +25,7 @@ const MAX_RATIO: u64 = 100;
 const FREE: u64 = 16 << 20;
 
 /// The bytes of a file, decompressed where its first two bytes say gzip.
-struct Text {
+pub(in crate::formats) struct Text {
     file: PathBuf,
     inner: Inner,
     /// Bytes of text so far.
@@ -38,7 +38,7 @@ enum Inner {
 }
 
 impl Text {
-    fn open(file: &Path) -> Result<Self, DataError> {
+    pub(in crate::formats) fn open(file: &Path) -> Result<Self, DataError> {
         only_a_file(file)?;
         let io = |source| DataError::Io { file: file.into(), source };
         let mut magic = Vec::with_capacity(2);
@@ -62,17 +62,45 @@ impl Text {
                 .read_to_end(buffer)
                 .map_err(|e| DataError::Gzip { file: self.file.clone(), reason: e.to_string() })?,
         };
+        self.count(read)?;
+        Ok(read)
+    }
+
+    /// Reads into `buffer`; 0 bytes at the end of the text.
+    pub(in crate::formats) fn read(&mut self, buffer: &mut [u8]) -> Result<usize, DataError> {
+        let io = |source| DataError::Io { file: self.file.clone(), source };
+        let read = loop {
+            let read = match &mut self.inner {
+                Inner::Plain(file) => file.read(buffer),
+                Inner::Gzip(decoder) => decoder.read(buffer),
+            };
+            match (read, &self.inner) {
+                (Err(error), _) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                (Err(error), Inner::Plain(_)) => return Err(io(error)),
+                (Err(error), Inner::Gzip(_)) => {
+                    return Err(DataError::Gzip { file: self.file.clone(), reason: error.to_string() });
+                }
+                (Ok(read), _) => break read,
+            }
+        };
+        self.count(read)?;
+        Ok(read)
+    }
+
+    /// Counts bytes of text; refuses more of them than a recording could be packed to.
+    fn count(&mut self, read: usize) -> Result<(), DataError> {
         self.read += read as u64;
         if let Inner::Gzip(decoder) = &self.inner
             && self.read > FREE
         {
             // Of what is read ahead of the decoder, 256 kB, nothing has been decompressed yet: that errs on the safe side.
-            let packed = decoder.get_ref().get_ref().stream_position().map_err(io)?;
+            let packed = decoder.get_ref().get_ref().stream_position();
+            let packed = packed.map_err(|source| DataError::Io { file: self.file.clone(), source })?;
             if self.read / MAX_RATIO > packed {
                 return Err(DataError::Inflated { file: self.file.clone(), limit: MAX_RATIO });
             }
         }
-        Ok(read)
+        Ok(())
     }
 }
 

@@ -85,6 +85,36 @@ fn a_curved_road_is_straightened_by_its_line() {
 }
 
 #[test]
+fn every_position_comes_back_in_the_coordinates_of_the_table() {
+    let mut table = traffic(2.2, 10., 20);
+    let back = traffic(2.2, 10., 20);
+    for i in 0..back.len() {
+        table.x[i] += 4.6e5;
+        table.y[i] += 5.4e6;
+    }
+    // Half of them drive the other way.
+    let (sin, cos) = 2.2f64.sin_cos();
+    for i in (0..table.len()).filter(|i| i % 9 >= 5) {
+        let along = back.x[i] * cos + back.y[i] * sin;
+        table.x[i] += (600. - 2. * along) * cos + 15. * sin;
+        table.y[i] += (600. - 2. * along) * sin - 15. * cos;
+    }
+    let (recording, _) = read_table(&table).unwrap();
+    assert_eq!(recording.roads().len(), 2);
+    for i in 0..table.len() {
+        let name = &table.vehicles[table.vehicle[i] as usize].name;
+        let row = row(&recording, name, (10. * table.time_s[i]).round() as u32);
+        let vehicle = recording.vehicle_named(name).unwrap();
+        let track = recording.tracks().iter().find(|track| track.vehicle == vehicle).unwrap();
+        let axis = recording.roads()[usize::from(track.road)].axis.as_ref().unwrap();
+        let state = recording.state(row);
+        let [x, y] = axis.to_world(state.x.into(), state.y.into());
+        assert!((x - table.x[i]).hypot(y - table.y[i]) < 1e-3, "({x}, {y}), row {i}");
+        assert!(state.vx > 0., "all drive forward");
+    }
+}
+
+#[test]
 fn a_gentle_bend_is_noticed_and_a_lane_change_is_not() {
     // 8 degrees over the section.
     let mut bent = traffic(0., 10., 80);

@@ -1,0 +1,168 @@
+//! A vehicle of floating car data, and what its type says of it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::xml::Elements;
+use crate::error::DataError;
+use crate::recording::VehicleClass;
+
+/// A vehicle at a moment, as the file has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Vehicle<'a> {
+    /// Line of the file, or row.
+    pub(super) place: u64,
+    /// s.
+    pub(super) time_s: f64,
+    pub(super) id: &'a str,
+    /// Middle of the front bumper, m.
+    pub(super) front: [f64; 2],
+    /// Degrees clockwise from north, the direction of y.
+    pub(super) angle: f64,
+    /// m/s.
+    pub(super) speed: Option<f64>,
+    /// Name of its type.
+    pub(super) kind: &'a str,
+    /// `EDGE_INDEX`, 0 the rightmost; empty where the file has none.
+    pub(super) lane: &'a str,
+}
+
+impl Vehicle<'_> {
+    /// Direction of travel, rad anticlockwise from x.
+    pub(super) fn heading(&self) -> f64 {
+        (90. - self.angle).to_radians()
+    }
+
+    /// Edge and index of the lane; none within a junction, whose lanes continue no others.
+    pub(super) fn edge(&self) -> Option<(&str, i16)> {
+        let (edge, index) = self.lane.rsplit_once('_')?;
+        let index = index.parse().ok().filter(|index| (0..1000).contains(index))?;
+        (!edge.starts_with(':')).then_some((edge, index))
+    }
+}
+
+/// What else a file of floating car data has.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Other {
+    /// Rows of persons and containers.
+    pub(super) persons: u64,
+}
+
+/// What a type is: class, length and width in m; `None` for what does not drive on motorways.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Kind {
+    pub(super) class: Option<VehicleClass>,
+    pub(super) size: [f32; 2],
+    /// Whether a file says so, instead of the name of the type.
+    pub(super) stated: bool,
+}
+
+/// SUMO's classes with the length and width in m that vehicles have there unless their type says otherwise. In this order:
+/// a type that no file describes is taken for the first class whose name is in its own.
+const CLASSES: [(&str, Option<VehicleClass>, [f32; 2]); 22] = [
+    ("motorcycle", Some(VehicleClass::Motorcycle), [2.2, 0.9]),
+    ("motorbike", Some(VehicleClass::Motorcycle), [2.2, 0.9]),
+    ("moped", Some(VehicleClass::Motorcycle), [2.1, 0.8]),
+    ("bicycle", None, [1.6, 0.65]),
+    ("pedestrian", None, [0.5, 0.5]),
+    ("rail", None, [100., 3.]),
+    ("tram", None, [22., 2.4]),
+    ("ship", None, [17., 4.]),
+    ("trailer", Some(VehicleClass::Truck), [16.5, 2.55]),
+    ("semi", Some(VehicleClass::Truck), [16.5, 2.55]),
+    ("coach", Some(VehicleClass::Truck), [14., 2.6]),
+    ("bus", Some(VehicleClass::Truck), [12., 2.5]),
+    ("truck", Some(VehicleClass::Truck), [7.1, 2.4]),
+    ("lorry", Some(VehicleClass::Truck), [7.1, 2.4]),
+    ("hgv", Some(VehicleClass::Truck), [7.1, 2.4]),
+    ("hdv", Some(VehicleClass::Truck), [7.1, 2.4]),
+    ("heavy", Some(VehicleClass::Truck), [7.1, 2.4]),
+    ("delivery", Some(VehicleClass::Car), [6.5, 2.16]),
+    ("emergency", Some(VehicleClass::Car), [6.5, 2.16]),
+    ("authority", Some(VehicleClass::Car), [5., 1.8]),
+    ("passenger", Some(VehicleClass::Car), [5., 1.8]),
+    ("car", Some(VehicleClass::Car), [5., 1.8]),
+];
+
+/// What SUMO takes a vehicle for whose type says nothing.
+const PASSENGER: (Option<VehicleClass>, [f32; 2]) = (Some(VehicleClass::Car), [5., 1.8]);
+
+/// The types of vehicles that files describe.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Types(BTreeMap<String, Kind>);
+
+impl Types {
+    /// Adds the types of a route file or an additional file.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no XML, or a size is no number.
+    pub(super) fn read(&mut self, file: &Path) -> Result<(), DataError> {
+        Elements::open(file)?.each(|element| {
+            if element.is("vType") {
+                let [id, class, length, width] = element.attributes(["id", "vClass", "length", "width"])?;
+                let (class, [usual_length, usual_width]) = class.map_or(PASSENGER, |class| by_name(&class));
+                let size = |name: &str, text: Option<String>, usual: f32| {
+                    text.map_or(Ok(usual), |text| element.number(name, &text).map(|value| value as f32))
+                };
+                let size = [size("length", length, usual_length)?, size("width", width, usual_width)?];
+                let id = id.ok_or_else(|| element.bad("id", "", "is missing from a vType"))?;
+                self.0.insert(id, Kind { class, size, stated: true });
+            }
+            Ok(true)
+        })
+    }
+
+    /// What a type is, as a file says or as its name does.
+    pub(super) fn kind(&self, name: &str) -> Kind {
+        self.0.get(name).copied().unwrap_or_else(|| {
+            let (class, size) = by_name(name);
+            Kind { class, size, stated: false }
+        })
+    }
+}
+
+fn by_name(name: &str) -> (Option<VehicleClass>, [f32; 2]) {
+    let name = name.to_ascii_lowercase();
+    let known = CLASSES.iter().find(|(word, ..)| name.contains(word));
+    known.map_or(PASSENGER, |(_, class, size)| (*class, *size))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lane_is_an_edge_and_an_index() {
+        let edge = |lane: &'static str| {
+            let it = Vehicle { place: 1, time_s: 0., id: "a", front: [0.; 2], angle: 90., speed: None, kind: "", lane };
+            it.edge().map(|(edge, index)| (edge.to_owned(), index))
+        };
+        assert_eq!(edge("a_b_2"), Some(("a_b".to_owned(), 2)));
+        assert_eq!(edge(":J1_0_0"), None);
+        assert_eq!(edge(""), None);
+        assert_eq!(edge("a_-1"), None);
+    }
+
+    #[test]
+    fn a_type_is_what_a_file_says_or_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("types.add.xml");
+        let text = "<additional><vTypeDistribution id=\"mix\">\n<vType id=\"A&amp;B\" vClass=\"truck\" length=\"12.5\"/>\
+                    </vTypeDistribution><vType id=\"c\"><param key=\"a\" value=\"b\"/></vType></additional>";
+        std::fs::write(&file, text).unwrap();
+        let mut types = Types::default();
+        types.read(&file).unwrap();
+        let kind = |name: &str| {
+            let it = types.kind(name);
+            (it.class, it.size, it.stated)
+        };
+        assert_eq!(kind("A&B"), (Some(VehicleClass::Truck), [12.5, 2.4], true));
+        assert_eq!(kind("c"), (Some(VehicleClass::Car), [5., 1.8], true));
+        assert_eq!(kind("DEFAULT_VEHTYPE"), (Some(VehicleClass::Car), [5., 1.8], false));
+        assert_eq!(kind("Motorbike1"), (Some(VehicleClass::Motorcycle), [2.2, 0.9], false));
+        assert_eq!(kind("fast_bicycle").0, None);
+        std::fs::write(&file, "<additional>\n<vType id=\"a\" length=\"x\"/></additional>").unwrap();
+        let error = Types::default().read(&file).unwrap_err().to_string();
+        assert!(error.contains("line 2") && error.contains("`length`"), "{error}");
+    }
+}
