@@ -37,7 +37,7 @@ const FLAGS: [&str; 10] = [
 ];
 
 /// What to do.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub(crate) struct CArgs {
     /// Write include/gnp.h anew instead of holding it against the source.
     #[arg(long)]
