@@ -3,7 +3,7 @@
 pub(crate) mod aarch64;
 mod dependant;
 pub(crate) mod features;
-mod supply;
+pub(crate) mod supply;
 
 use std::path::Path;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -11,7 +11,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use anyhow::{Context as _, Result, bail};
 
 use crate::workspace::cargo;
-use crate::{bench, determinism, fuzz, tidy, torture};
+use crate::{bench, c, determinism, fuzz, python, tidy, torture};
 use gnp::Progress as _;
 use gnp::text::duration;
 use gnp_cli::Terminal;
@@ -48,6 +48,8 @@ const PACKAGE: Step<'_> = Step {
         "xtask",
         "--exclude",
         "gnp-fuzz",
+        "--exclude",
+        "gnp-header",
         "--no-verify",
         "--allow-dirty",
     ],
@@ -110,7 +112,8 @@ const RERUN: [Step<'_>; 3] = [
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
 /// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
-/// the tests of kernels and networks on emulated 64-bit ARM, the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
+/// the tests of kernels and networks on emulated 64-bit ARM, the C library and the Python package where their tools are there,
+/// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
 /// minute of each fuzzing target, with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors
@@ -124,6 +127,8 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     dependant::run(root, terminal)?;
     step(root, terminal, &PACKAGE)?;
     aarch64::short(root, terminal)?;
+    within(terminal, "c", "", || c::run(root, &c::CArgs::default(), terminal))?;
+    within(terminal, "python", "", || python::run(root, terminal))?;
     within(terminal, "bench", "--check --quick", || bench::check(bench::Profile::Quick, terminal))?;
     within(terminal, "determinism", "--threads-only", || determinism::threads(terminal))?;
     within(terminal, "torture", "", || torture::once(terminal))?;

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use gnp_cli::MachineArgs;
 
+use crate::c::CArgs;
 use crate::determinism::DeterminismArgs;
 use crate::torture::TortureArgs;
 
@@ -69,6 +70,16 @@ Inputs that fail are kept in runs/fuzz. Exit code: 0 nothing found, 1 something,
         #[arg(long)]
         rerun: bool,
     },
+    /// Check the C library: its header against the source, its examples and tests under AddressSanitizer, CMake, pkg-config.
+    #[command(after_help = "\
+Examples:
+  cargo xtask c                       everything; what there is no compiler or CMake for is said to be skipped
+  cargo xtask c --write               the header anew, after a change of crates/gnp-c/src/border.rs
+  cargo xtask c --install DIR         header, library, CMake's and pkg-config's files below DIR")]
+    C(CArgs),
+    /// Build the Python package and run its tests, types and notebook against the wheel; says so where a Python lacks what
+    /// python/requirements-ci.txt lists.
+    Python,
     /// Check each crate alone, without its features and with each of them (those of a GPU and MKL left out); takes many minutes.
     Features,
     /// Build physics, kernels, networks and modes for 64-bit ARM and run their tests in an emulator; takes minutes.

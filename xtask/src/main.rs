@@ -2,6 +2,7 @@
 //! `cargo xtask --help` lists the commands.
 
 mod bench;
+mod c;
 mod ci;
 mod cli;
 mod contents;
@@ -11,6 +12,7 @@ mod gallery;
 mod pretrained;
 mod process;
 mod project;
+mod python;
 mod sbom;
 mod tidy;
 mod torture;
@@ -49,6 +51,8 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Bench(args) => bench::run(args, &terminal(args.quiet)),
         Command::Fuzz(args) => fuzz::run(args, &terminal(false)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
+        Command::C(args) => c::run(&project::root(), args, &terminal(false)),
+        Command::Python => python::run(&project::root(), &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
         Command::Aarch64 => ci::aarch64::run(&project::root(), ci::aarch64::Extent::All, &terminal(false)),
         Command::Determinism(args) => determinism::run(*args, &terminal(args.quiet)),

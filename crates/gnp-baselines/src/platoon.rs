@@ -4,7 +4,7 @@ mod fit;
 mod traffic;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use gnp_data::{Forecast, Mode, Observation, PredictError, Predictor, WindowShape};
 use gnp_force::{
@@ -12,7 +12,7 @@ use gnp_force::{
 };
 use serde::{Deserialize, Serialize};
 
-use self::traffic::Spans;
+use self::traffic::{GatherRoom, Spans};
 pub use self::traffic::{SeenVehicle, Traffic};
 use crate::by_site::BySite;
 use crate::motion::{BaselineError, periods, velocity};
@@ -156,6 +156,13 @@ impl From<PlatoonRule> for PlatoonParameters {
     }
 }
 
+/// Room to gather traffic and to roll it out in, again and again.
+#[derive(Clone, Debug, Default)]
+pub struct PlatoonRoom {
+    gather: GatherRoom,
+    followers: Vec<Follower<f64>>,
+}
+
 /// Traffic as it moves under the rule.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motion {
@@ -240,16 +247,26 @@ impl PlatoonRule {
     /// The terms of [`Motion::acceleration`], in its order.
     #[must_use]
     pub fn terms() -> [Arc<TermDescriptor>; 3] {
-        let (free, following): (&dyn ForceTerm<f64>, &dyn ForceTerm<f64>) = (&FreeRoad, &CarFollowing);
-        let habit = TermDescriptor::new("habit", gnp_force::Arity::One, "#8c6d31")
-            .means("habit", "what the driver does now beyond car following, dying away");
-        [free.descriptor().clone(), following.descriptor().clone(), habit].map(Arc::new)
+        static TERMS: OnceLock<[Arc<TermDescriptor>; 3]> = OnceLock::new();
+        let terms = TERMS.get_or_init(|| {
+            let (free, following): (&dyn ForceTerm<f64>, &dyn ForceTerm<f64>) = (&FreeRoad, &CarFollowing);
+            let habit = TermDescriptor::new("habit", gnp_force::Arity::One, "#8c6d31")
+                .means("habit", "what the driver does now beyond car following, dying away");
+            [free.descriptor().clone(), following.descriptor().clone(), habit].map(Arc::new)
+        });
+        terms.clone()
     }
 
     /// What an observation shows of the traffic ahead of its target and of its neighbours.
     #[must_use]
     pub fn traffic(&self, observation: &Observation<'_>) -> Traffic {
         Traffic::of(observation, spans(observation.shape()))
+    }
+
+    /// [`PlatoonRule::traffic`] into `traffic`: after a first call nothing is allocated.
+    pub fn traffic_into(&self, observation: &Observation<'_>, traffic: &mut Traffic, room: &mut PlatoonRoom) {
+        traffic.reserve();
+        traffic.gather(observation, spans(observation.shape()), &mut room.gather);
     }
 
     /// Where the target is in each predicted frame, m, window frame, with lengths and speeds along the road `along`-fold;
@@ -276,6 +293,24 @@ impl PlatoonRule {
         let drivers = self.drivers(site);
         roll_out(drivers, traffic.vehicles(), shape, &mut Vec::new(), &mut motion)?;
         Ok(motion)
+    }
+
+    /// [`PlatoonRule::roll_out`] into `motion`: after a first call of as many frames nothing is allocated.
+    ///
+    /// # Errors
+    /// As [`PlatoonRule::roll_out`].
+    pub fn roll_out_into(
+        &self,
+        site: &str,
+        traffic: &Traffic,
+        shape: &WindowShape,
+        motion: &mut Motion,
+        room: &mut PlatoonRoom,
+    ) -> Result<(), ForceError> {
+        motion.platoon.reserve(Traffic::MOST, shape.t_pred);
+        motion.start.reserve(Traffic::MOST.saturating_sub(motion.start.len()));
+        room.followers.reserve(Traffic::MOST.saturating_sub(room.followers.len()));
+        roll_out(self.drivers(site), traffic.vehicles(), shape, &mut room.followers, motion)
     }
 }
 

@@ -9,12 +9,14 @@ mod processes;
 mod program;
 mod terminal;
 
+use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use candle_core::Device;
+use clap::Parser;
 use gnp::{Machine, Stop};
 
 pub use crate::arguments::{Command, MachineArgs};
@@ -25,6 +27,30 @@ pub use crate::terminal::Terminal;
 
 /// Exit code of an interrupted program: 128 and the number of SIGINT.
 const INTERRUPTED: u8 = 130;
+
+/// GNP: goal-based neural physics for predicting vehicles on motorways.
+///
+/// Recordings go in (NGSIM or highD, as they are downloaded); a trained model, its intention modes,
+/// trajectories with the forces behind them, and a table of errors come out.
+#[derive(Debug, Parser)]
+#[command(name = "gnp", version, max_term_width = 100)]
+#[command(after_help = "\
+Examples:
+  gnp pipeline --dataset highd --data-dir D    a folder of highD recordings, everything
+  gnp evaluate --run runs/highd --data-dir E --out scores")]
+struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// The program `gnp`: runs the command that `arguments` name, of which the first is the program. It ends the process where
+/// they make no sense or ask for help.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    processes::note_launcher(arguments.len().saturating_sub(1));
+    run(&Cli::parse_from(arguments).command, &Program::default())
+}
 
 /// Runs a command, prints what goes wrong, and says how the program ends.
 pub fn run(command: &Command, program: &Program) -> ExitCode {

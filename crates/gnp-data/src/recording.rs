@@ -9,6 +9,7 @@ use gnp_road::{LaneLinesError, ReferenceLine, check_lane_lines};
 use serde::{Deserialize, Serialize};
 
 use crate::dataset::Dataset;
+use crate::leader::NAMED_LEADER_SIZE;
 use crate::lookup::FrameIndex;
 use crate::slot::{SLOTS, Slot};
 
@@ -22,6 +23,18 @@ pub enum VehicleClass {
     Car,
     /// highD `Truck`, NGSIM class 3; buses as well.
     Truck,
+}
+
+impl VehicleClass {
+    /// Length and width, m, that a vehicle is taken to have where its data does not say.
+    #[must_use]
+    pub const fn default_size(self) -> [f32; 2] {
+        match self {
+            Self::Motorcycle => [2.2, 0.8],
+            Self::Car => NAMED_LEADER_SIZE,
+            Self::Truck => [12., 2.5],
+        }
+    }
 }
 
 /// A lane line of a straight road.

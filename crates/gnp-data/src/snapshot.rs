@@ -141,6 +141,7 @@ impl Snapshot {
         keep_equal(&mut own.meta, &recording.meta);
         keep_equal(&mut own.roads, &recording.roads);
         keep_equal(&mut own.lane_order, &recording.lane_order);
+        keep_equal(&mut own.names, &recording.names);
         self.clear();
         let (needed, all) = (self.needed(), &recording.columns);
         if all.named_leader.is_some() != self.recording.columns.named_leader.is_some() {
@@ -149,6 +150,7 @@ impl Snapshot {
         // A past is filled before the first frame of a recording, too.
         let shift = (needed as u32 - 1).saturating_sub(frame);
         self.frame = frame + shift;
+        self.recording.meta.start_s = recording.meta.start_s - f64::from(shift) / recording_hz;
         for index in recording.present(frame) {
             let from = &recording.tracks[*index as usize];
             let Some(last) = from.row_at(frame) else { continue };
@@ -196,7 +198,7 @@ impl Snapshot {
     /// The vehicles with their last frames, the observed ones of a window and one before them. Those with a filled past
     /// have two tracks, first as they were seen. Neighbours and presence stand in the last frame alone. Numbers of
     /// frames are those of the recording it was taken of, but in that one's first frames, where they are raised so
-    /// that filled ones have a number.
+    /// that filled ones have a number; times ([`RecordingMeta::time_s`]) are the same.
     #[must_use]
     pub fn recording(&self) -> &Recording {
         &self.recording

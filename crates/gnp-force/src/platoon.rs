@@ -147,6 +147,19 @@ impl<T: RealField + Copy> Platoon<T> {
         Ok(())
     }
 
+    /// Makes room for roll-outs of up to so many vehicles and steps, which then allocate nothing.
+    pub fn reserve(&mut self, vehicles: usize, steps: usize) {
+        let size = vehicles * steps;
+        for result in [&mut self.positions, &mut self.speeds, &mut self.free, &mut self.interaction, &mut self.habit] {
+            result.reserve(size.saturating_sub(result.len()));
+        }
+        self.links.reserve(vehicles.saturating_sub(self.links.len()));
+        self.walks.reserve(vehicles.saturating_sub(self.walks.len()));
+        for states in &mut self.states {
+            states.reserve(vehicles.saturating_sub(states.len()));
+        }
+    }
+
     /// Number of vehicles.
     #[must_use]
     pub fn vehicles(&self) -> usize {

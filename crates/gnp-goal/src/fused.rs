@@ -20,7 +20,9 @@ use candle_core::{CpuStorage, CustomOp3, DType, Layout, Result, Shape as Dims, T
 use gnp_nn::kernels::{Aligned, Pool, add_rows, read, values};
 use rayon::prelude::*;
 
-use self::window::{Gradients, Shape, Transformer, Window, WindowGradients, transposed};
+pub(crate) use self::parts::Transposed;
+use self::window::{Gradients, WindowGradients};
+pub(crate) use self::window::{Shape, Transformer, Window, transposed};
 use crate::ProbabilityHead;
 use crate::block::BlockMasks;
 use crate::pick::Picked;

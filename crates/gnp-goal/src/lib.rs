@@ -38,6 +38,7 @@ mod error;
 mod fused;
 mod loss;
 mod net;
+mod packed;
 mod pick;
 
 pub use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
@@ -46,4 +47,5 @@ pub use crate::loss::{
     GoalLoss, LabelConfig, LabelDistance, Labels, LossWeights, goal_loss, label_distances, labels, soft_labels,
 };
 pub use crate::net::{GoalNet, GoalOutput, Goals};
+pub use crate::packed::{EndPoints, GoalWorkspace, PackedGoalNet};
 pub use crate::pick::Pick;

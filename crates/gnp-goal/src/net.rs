@@ -13,17 +13,17 @@ use crate::pick::{Pick, Picked, rows};
 /// Goal prediction: modes as tokens, weighed against the observation and the neighbours.
 #[derive(Clone, Debug)]
 pub struct GoalNet {
-    config: GoalConfig,
-    shape: GoalShape,
-    mode: Linear,
-    observed: Linear,
-    neighbour: Linear,
+    pub(crate) config: GoalConfig,
+    pub(crate) shape: GoalShape,
+    pub(crate) mode: Linear,
+    pub(crate) observed: Linear,
+    pub(crate) neighbour: Linear,
     encoder: Vec<Block>,
     decoder: Block,
     probability: Linear,
-    goal: Linear,
-    null_token: Option<Tensor>,
-    slot: Option<Tensor>,
+    pub(crate) goal: Linear,
+    pub(crate) null_token: Option<Tensor>,
+    pub(crate) slot: Option<Tensor>,
     graph: bool,
     pub(crate) memory: Memory,
 }
@@ -154,10 +154,7 @@ impl GoalNet {
         picked: Picked,
         masks: Vec<BlockMasks>,
     ) -> candle_core::Result<(Tensor, Tensor, Tensor)> {
-        let Some(bias) = self.probability.bias() else { candle_core::bail!("the map to a logit has a bias") };
-        let blocks = self.encoder.iter().chain([&self.decoder]).map(Block::weights);
-        let mut weights = blocks.collect::<candle_core::Result<Vec<_>>>()?.concat();
-        weights.extend([self.probability.weight(), bias]);
+        let weights = self.transformer_weights()?;
         let transformer = FusedTransformer {
             memory: self.memory.clone(),
             layers: self.encoder.len(),
@@ -170,6 +167,15 @@ impl GoalNet {
         let (logits, decoded) = transformer.apply(tokens, &weights)?;
         let indices = picked.indices(&logits)?;
         Ok((logits, decoded, indices))
+    }
+
+    /// Weights of the encoder's blocks, of the decoder and of the map to a logit, in the order of the fused operation.
+    pub(crate) fn transformer_weights(&self) -> candle_core::Result<Vec<&Tensor>> {
+        let Some(bias) = self.probability.bias() else { candle_core::bail!("the map to a logit has a bias") };
+        let blocks = self.encoder.iter().chain([&self.decoder]).map(Block::weights);
+        let mut weights = blocks.collect::<candle_core::Result<Vec<_>>>()?.concat();
+        weights.extend([self.probability.weight(), bias]);
+        Ok(weights)
     }
 
     /// As [`GoalNet::fused`], operation by operation.

@@ -73,8 +73,8 @@ impl Picked {
         match self {
             Self::Given { count, indices } => Cow::Borrowed(&indices[window * count..][..*count]),
             Self::MostProbable(count) => {
-                let mut order: Vec<u32> = (0..logits.len() as u32).collect();
-                order.sort_by(|a, b| logits[*b as usize].total_cmp(&logits[*a as usize]).then(a.cmp(b)));
+                let mut order = Vec::new();
+                likeliest_first(logits, &mut order);
                 order.truncate(*count);
                 Cow::Owned(order)
             }
@@ -101,6 +101,13 @@ impl Picked {
         }
         Tensor::from_vec(picked, (batch, k), logits.device())
     }
+}
+
+/// The indices of `logits`, the largest first, the lower index among equals.
+pub(crate) fn likeliest_first(logits: &[f32], order: &mut Vec<u32>) {
+    order.clear();
+    order.extend(0..logits.len() as u32);
+    order.sort_unstable_by(|a, b| logits[*b as usize].total_cmp(&logits[*a as usize]).then(a.cmp(b)));
 }
 
 /// The indices `[batch, k]` of the largest of `logits` `[batch, modes]`, found on their device.

@@ -100,14 +100,16 @@ impl<'a> AugmentedView<'a> {
     }
 
     /// Lane lines from right to left.
-    #[must_use]
-    pub fn lines(&self) -> Vec<LaneMarking> {
-        let mut lines: Vec<LaneMarking> = self.observation.lines().collect();
-        if self.mirrored {
-            lines.reverse();
-            lines.iter_mut().for_each(|line| line.y = -line.y);
-        }
-        lines
+    pub fn lines(&self) -> impl Iterator<Item = LaneMarking> + use<'a> {
+        let (observation, mirrored) = (self.observation, self.mirrored);
+        let count = observation.lines().len();
+        (0..count).filter_map(move |i| {
+            if mirrored {
+                observation.lines().nth(count - 1 - i).map(|line| LaneMarking { y: -line.y, ..line })
+            } else {
+                observation.lines().nth(i)
+            }
+        })
     }
 
     /// True state of the target in predicted frame `j`.
@@ -201,14 +203,14 @@ pub(crate) fn velocity_of(neighbour: &Neighbour<'_>, shape: WindowShape, window_
 fn slope(shape: WindowShape, window_s: f64, state: impl Fn(usize) -> Option<TrackState>) -> Option<[f32; 2]> {
     let frames = (((window_s * shape.rate_hz).round() as usize).saturating_add(1)).max(2);
     let last = shape.t_obs - 1;
-    let seen: Vec<TrackState> = (0..frames).map_while(|back| state(last.checked_sub(back)?)).collect();
-    let n = seen.len();
+    let seen = || (0..frames).map_while(|back| state(last.checked_sub(back)?));
+    let n = seen().count();
     if n < 2 {
         return None;
     }
     let middle = (n - 1) as f64 / 2.;
     let (mut sx, mut sy, mut stt) = (0f64, 0f64, 0f64);
-    for (back, state) in seen.iter().enumerate() {
+    for (back, state) in seen().enumerate() {
         let t = middle - back as f64;
         sx += t * f64::from(state.x);
         sy += t * f64::from(state.y);

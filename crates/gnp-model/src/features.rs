@@ -3,8 +3,10 @@
 use std::ops::Range;
 
 use candle_core::{Device, Tensor};
-use gnp_baselines::{PlatoonRule, Traffic};
-use gnp_data::{DataError, MarkingKind, Observation, SLOTS, Slot, Standardiser, TrackState, Window, WindowShape};
+use gnp_baselines::{PlatoonRoom, PlatoonRule};
+use gnp_data::{
+    DataError, LaneMarking, MarkingKind, Observation, SLOTS, Slot, Standardiser, TrackState, Window, WindowShape,
+};
 use gnp_goal::GoalShape;
 use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
 use serde::{Deserialize, Serialize};
@@ -98,14 +100,15 @@ impl FeatureConfig {
     }
 
     /// The other vehicles that the goal network sees: those in the neighbour slots, then those ahead of the ones ahead.
-    fn others<'a>(&self, seen: &AugmentedView<'a>) -> Vec<Option<AugmentedNeighbour<'a>>> {
+    fn others<'a>(&self, seen: &AugmentedView<'a>) -> impl Iterator<Item = Option<AugmentedNeighbour<'a>>> + use<'a> {
         let looked_at = |slot: &Slot| self.neighbours == SeenNeighbours::All || AHEAD.contains(slot);
-        let mut others = Slot::ALL.map(|slot| looked_at(&slot).then(|| seen.neighbour(slot)).flatten()).to_vec();
+        let mut others = Slot::ALL.map(|slot| looked_at(&slot).then(|| seen.neighbour(slot)).flatten());
+        let mut ahead = [None; AHEAD.len()];
         if self.vehicles_ahead > 1 {
             others[Slot::Preceding.index()] = seen.leader();
-            others.extend(AHEAD.map(|slot| seen.leader_of(slot)));
+            ahead = AHEAD.map(|slot| seen.leader_of(slot));
         }
-        others
+        others.into_iter().chain(ahead).take(self.slots())
     }
 
     /// Number of [`FeatureConfig::others`].
@@ -136,6 +139,26 @@ pub struct GoalInputs {
     pub neighbours: Tensor,
     /// `[batch, slots]`, 1 where somebody is at the last observed frame.
     pub mask: Tensor,
+}
+
+/// What the goal network takes of one window, in memory that the next window uses again.
+#[derive(Debug, Default)]
+pub(crate) struct WindowInputs {
+    /// `[observed features]`
+    pub(crate) observed: Vec<f32>,
+    /// `[slots, neighbour features]`; zeros where nobody is.
+    pub(crate) neighbours: Vec<f32>,
+    /// `[slots]`
+    pub(crate) present: Vec<bool>,
+    row: Vec<f32>,
+    states: SeenStates,
+}
+
+/// States by observed frame of the target, and of another vehicle.
+#[derive(Debug, Default)]
+struct SeenStates {
+    own: Vec<TrackState>,
+    other: Vec<Option<TrackState>>,
 }
 
 /// Turns windows into network inputs; holds the statistics of the training part.
@@ -183,11 +206,15 @@ impl Features {
         };
         let rows = |o: Observation<'a>| -> Result<_, ModelError> {
             let situation = situation(config, shape, platoon.as_ref(), AugmentedView::recorded(o))?;
-            let own = own_states(&situation);
-            let neighbours = config.others(&situation.seen).into_iter().flatten();
-            let neighbours =
-                neighbours.map(|other| neighbour_row(config, &situation, &own, &other)).collect::<Vec<_>>();
-            Ok((observed_row(config, &situation, &own), neighbours))
+            let mut states = SeenStates::of_target(&situation);
+            let (mut observed, mut neighbours) = (Vec::new(), Vec::new());
+            observed_row(config, &situation, &states, &mut observed);
+            for other in config.others(&situation.seen).flatten() {
+                let mut row = Vec::new();
+                neighbour_row(config, &situation, &other, &mut states, &mut row);
+                neighbours.push(row);
+            }
+            Ok((observed, neighbours))
         };
         let (mut observed, mut neighbours) = (Vec::new(), Vec::new());
         for observation in training {
@@ -211,6 +238,22 @@ impl Features {
     /// [`ModelError::Traffic`] for traffic that cannot be: positions or lengths that are not finite.
     pub fn situation<'a>(&self, seen: AugmentedView<'a>) -> Result<Situation<'a>, ModelError> {
         situation(&self.config, self.shape, self.platoon.as_ref(), seen)
+    }
+
+    /// [`Features::situation`] in the memory of `following`, which the situation then holds where the reference path is the
+    /// platoon's.
+    pub(crate) fn situation_in<'a>(
+        &self,
+        observation: Observation<'a>,
+        mut following: Following,
+        room: &mut PlatoonRoom,
+    ) -> Result<Situation<'a>, ModelError> {
+        let seen = AugmentedView::recorded(observation);
+        let [vx, vy] = seen.velocity(self.config.velocity_window_s);
+        let Some(platoon) = &self.platoon else { return Ok(Situation { seen, velocity: [vx, vy], platoon: None }) };
+        platoon.traffic_into(&observation, &mut following.traffic, room);
+        platoon.roll_out_into(observation.site(), &following.traffic, &self.shape, &mut following.motion, room)?;
+        Ok(Situation::behind(following, seen, vy))
     }
 
     /// The same configuration and statistics with the drivers of another site or another time, where the reference path is
@@ -265,33 +308,47 @@ impl Features {
     /// # Errors
     /// [`ModelError::Shape`] when a window has another shape than these features, candle's errors.
     pub fn goal_inputs(&self, situations: &[Situation<'_>], device: &Device) -> Result<GoalInputs, ModelError> {
-        let (fo, fn_) = (self.observed.features(), self.neighbour.features());
-        let mut observed = Vec::with_capacity(situations.len() * fo);
-        let slots = self.config.slots();
-        let mut neighbours = vec![0f32; situations.len() * slots * fn_];
-        let mut mask = vec![0f32; situations.len() * slots];
-        for (b, situation) in situations.iter().enumerate() {
-            self.check_shape(situation.seen.observation())?;
-            let own = own_states(situation);
-            let mut row = observed_row(&self.config, situation, &own);
-            self.observed.apply(&mut row)?;
-            observed.extend_from_slice(&row);
-            for (slot, other) in self.config.others(&situation.seen).into_iter().enumerate() {
-                if let Some(other) = other {
-                    let mut row = neighbour_row(&self.config, situation, &own, &other);
-                    self.neighbour.apply(&mut row)?;
-                    let at = b * slots + slot;
-                    neighbours[at * fn_..(at + 1) * fn_].copy_from_slice(&row);
-                    mask[at] = 1.;
-                }
-            }
-        }
+        let (fo, fn_, slots) = (self.observed.features(), self.neighbour.features(), self.config.slots());
         let b = situations.len();
+        let mut observed = Vec::with_capacity(b * fo);
+        let mut neighbours = Vec::with_capacity(b * slots * fn_);
+        let mut mask = Vec::with_capacity(b * slots);
+        let mut inputs = WindowInputs::default();
+        for situation in situations {
+            self.window_inputs(situation, &mut inputs)?;
+            observed.extend_from_slice(&inputs.observed);
+            neighbours.extend_from_slice(&inputs.neighbours);
+            mask.extend(inputs.present.iter().map(|present| f32::from(*present)));
+        }
         Ok(GoalInputs {
             observed: Tensor::from_vec(observed, (b, fo), device)?,
             neighbours: Tensor::from_vec(neighbours, (b, slots, fn_), device)?,
             mask: Tensor::from_vec(mask, (b, slots), device)?,
         })
+    }
+
+    /// The part of [`Features::goal_inputs`] that is of one window.
+    pub(crate) fn window_inputs(&self, situation: &Situation<'_>, inputs: &mut WindowInputs) -> Result<(), ModelError> {
+        self.check_shape(situation.seen.observation())?;
+        let WindowInputs { observed, neighbours, present, row, states } = inputs;
+        let (slots, width) = (self.config.slots(), self.neighbour.features());
+        states.take_target(situation);
+        observed.clear();
+        observed_row(&self.config, situation, states, observed);
+        self.observed.apply(observed)?;
+        neighbours.clear();
+        neighbours.resize(slots * width, 0.);
+        present.clear();
+        for (slot, other) in self.config.others(&situation.seen).enumerate() {
+            present.push(other.is_some());
+            if let Some(other) = other {
+                row.clear();
+                neighbour_row(&self.config, situation, &other, states, row);
+                self.neighbour.apply(row)?;
+                neighbours[slot * width..(slot + 1) * width].copy_from_slice(row);
+            }
+        }
+        Ok(())
     }
 
     /// The true future of a window in the modes' frame, `[t_pred, 2]`, m.
@@ -360,6 +417,16 @@ impl Features {
         };
         Reference { origin: [0.; 2], heading: 0., way }
     }
+
+    /// What the modes' frame subtracts at the end: the last point of [`Features::reference`], m.
+    pub(crate) fn reference_end(&self, situation: &Situation<'_>) -> [f32; 2] {
+        let steps = self.shape.t_pred;
+        match self.mode_frame() {
+            ModeFrame::Position => [0.; 2],
+            ModeFrame::Deviation => Reference::after(situation.velocity, self.shape.dt() as f32, steps),
+            ModeFrame::PlatoonDeviation => situation.reference(steps),
+        }
+    }
 }
 
 fn situation<'a>(
@@ -373,21 +440,27 @@ fn situation<'a>(
     let observation = seen.observation();
     let traffic = platoon.traffic(observation).scaled(f64::from(seen.longitudinal_scale()));
     let motion = platoon.roll_out(observation.site(), &traffic, &shape)?;
-    let velocity = [motion.speed(Traffic::TARGET, 0) as f32, vy];
-    Ok(Situation { seen, velocity, platoon: Some(Following { traffic, motion }) })
+    Ok(Situation::behind(Following { traffic, motion }, seen, vy))
 }
 
-/// States of the target by observed frame.
-fn own_states(situation: &Situation<'_>) -> Vec<TrackState> {
-    let seen = &situation.seen;
-    (0..seen.observation().shape().t_obs).map(|i| seen.target(i)).collect()
+impl SeenStates {
+    fn of_target(situation: &Situation<'_>) -> Self {
+        let mut states = Self::default();
+        states.take_target(situation);
+        states
+    }
+
+    fn take_target(&mut self, situation: &Situation<'_>) {
+        let seen = &situation.seen;
+        self.own.clear();
+        self.own.extend((0..seen.observation().shape().t_obs).map(|i| seen.target(i)));
+    }
 }
 
-/// Features of the target with these states, before standardising.
-fn observed_row(config: &FeatureConfig, situation: &Situation<'_>, own: &[TrackState]) -> Vec<f32> {
-    let (seen, velocity) = (&situation.seen, situation.velocity);
+/// Appends the features of the target, before standardising.
+fn observed_row(config: &FeatureConfig, situation: &Situation<'_>, states: &SeenStates, row: &mut Vec<f32>) {
+    let (seen, velocity, own) = (&situation.seen, situation.velocity, &states.own);
     let shape = seen.observation().shape();
-    let mut row = Vec::with_capacity(4 * shape.t_obs + 8 + following::SECONDS);
     for block in config.blocks(shape) {
         row.extend(mean(block, |i| {
             let state = own[i];
@@ -411,7 +484,6 @@ fn observed_row(config: &FeatureConfig, situation: &Situation<'_>, own: &[TrackS
     if config.car_following_features {
         row.extend(following::hint(situation, config.velocity_window_s));
     }
-    row
 }
 
 /// Mean over the frames of a block in which there is a value; zeros where there is none.
@@ -426,12 +498,10 @@ fn mean<const N: usize>(block: Range<usize>, value: impl Fn(usize) -> Option<[f3
 
 /// Distance to the nearest line on the right and on the left, and whether each is a boundary.
 fn nearest_lines(seen: &AugmentedView<'_>) -> [f32; 4] {
-    let lines = seen.lines();
-    let right = lines.iter().rev().find(|line| line.y <= 0.);
-    let left = lines.iter().find(|line| line.y > 0.);
-    let distance = |line: Option<&gnp_data::LaneMarking>| line.map_or(LINE_REACH, |line| line.y.abs().min(LINE_REACH));
-    let edge =
-        |line: Option<&gnp_data::LaneMarking>| f32::from(line.is_none_or(|line| line.kind == MarkingKind::Boundary));
+    let right = seen.lines().filter(|line| line.y <= 0.).last();
+    let left = seen.lines().find(|line| line.y > 0.);
+    let distance = |line: Option<LaneMarking>| line.map_or(LINE_REACH, |line| line.y.abs().min(LINE_REACH));
+    let edge = |line: Option<LaneMarking>| f32::from(line.is_none_or(|line| line.kind == MarkingKind::Boundary));
     [distance(right), distance(left), edge(right), edge(left)]
 }
 
@@ -443,16 +513,18 @@ fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
     }
 }
 
-/// Features of another vehicle, before standardising; zeros in steps without it.
+/// Appends the features of another vehicle, before standardising; zeros in steps without it.
 fn neighbour_row(
     config: &FeatureConfig,
     situation: &Situation<'_>,
-    own: &[TrackState],
     neighbour: &AugmentedNeighbour<'_>,
-) -> Vec<f32> {
+    states: &mut SeenStates,
+    row: &mut Vec<f32>,
+) {
     let (shape, velocity) = (situation.seen.observation().shape(), situation.velocity);
-    let states: Vec<Option<TrackState>> = (0..shape.t_obs).map(|i| neighbour.state(i)).collect();
-    let mut row = Vec::with_capacity(neighbour_width(config, shape));
+    let SeenStates { own, other: states } = states;
+    states.clear();
+    states.extend((0..shape.t_obs).map(|i| neighbour.state(i)));
     for block in config.blocks(shape) {
         match config.representation {
             Representation::Position => {
@@ -472,7 +544,6 @@ fn neighbour_row(
     if config.representation == Representation::Deviation {
         row.extend(neighbour.size());
     }
-    row
 }
 
 #[cfg(test)]

@@ -95,6 +95,31 @@ impl Forecasts {
         if mode < self.modes { values.get(first..first + self.steps).unwrap_or_default() } else { &[] }
     }
 
+    /// Makes room for so many windows, modes and steps.
+    pub(crate) fn reset(&mut self, [windows, modes, steps]: [usize; 3], explain: bool) {
+        (self.windows, self.modes, self.steps) = (windows, modes, steps);
+        self.probabilities.resize(windows * modes, 0.);
+        self.paths.resize(windows * modes * steps, [0.; 2]);
+        self.goals.resize(if explain { windows * modes } else { 0 }, [0.; 2]);
+        if explain {
+            let totals = windows * modes * steps;
+            self.terms.iter_mut().for_each(|term| term.totals.resize(totals, [0.; 2]));
+        } else {
+            self.terms.clear();
+        }
+    }
+
+    /// The totals of term number `i`, which is this one; those before it are there.
+    pub(crate) fn totals_of(&mut self, i: usize, term: &Arc<TermDescriptor>) -> &mut [[f32; 2]] {
+        let size = self.windows * self.modes * self.steps;
+        match self.terms.get_mut(i) {
+            Some(known) if !Arc::ptr_eq(&known.term, term) => known.term = Arc::clone(term),
+            Some(_) => {}
+            None => self.terms.push(TermTotals { term: Arc::clone(term), totals: vec![[0.; 2]; size] }),
+        }
+        &mut self.terms[i].totals
+    }
+
     /// Takes over what [`Predictor::predict`](gnp_data::Predictor::predict) gave.
     pub(crate) fn copy_from(&mut self, forecasts: &[Forecast]) {
         let modes = || forecasts.iter().flat_map(|forecast| &forecast.modes);

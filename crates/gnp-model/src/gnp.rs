@@ -9,7 +9,7 @@ use gnp_data::{
     Explanation, Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, TermForces, Truth, Window,
     WindowShape, nearest_to_mean,
 };
-use gnp_goal::GoalNet;
+use gnp_goal::{GoalNet, PackedGoalNet};
 use gnp_modes::{Modes, from_mode_frame};
 use gnp_nn::DeviceThread;
 use gnp_traj::{Arity, ForceTerm, Phase, RollOut, RollOutBatch, SocialForce, TermRollOut};
@@ -38,12 +38,12 @@ use crate::situation::{ReferencePath, Situation};
 #[derive(Clone, Debug)]
 pub struct Gnp {
     pub(crate) trained: Arc<Trained>,
-    neighbours: NeighbourFuture,
-    selection: Selection,
+    pub(crate) neighbours: NeighbourFuture,
+    pub(crate) selection: Selection,
     pub(crate) trust: f32,
-    explain: bool,
+    pub(crate) explain: bool,
     pool: Option<Arc<ThreadPool>>,
-    name: &'static str,
+    pub(crate) name: &'static str,
 }
 
 /// What was trained.
@@ -55,6 +55,8 @@ pub(crate) struct Trained {
     /// Mode centres in units of `length_scale`, `[modes, t_pred, 2]`.
     pub(crate) centres: Tensor,
     pub(crate) goal: GoalNet,
+    /// The same with the modes, on a CPU.
+    pub(crate) packed: Option<Arc<PackedGoalNet>>,
     pub(crate) force: Option<(SocialForce, Phase)>,
     pub(crate) device: Device,
     pub(crate) thread: DeviceThread,
@@ -161,6 +163,7 @@ impl Gnp {
             None => None,
         };
         let centres = features.centres(&modes, device)?;
+        let packed = device.is_cpu().then(|| net.packed(&centres)).transpose()?.map(Arc::new);
         let name = match &force {
             None => "goal head",
             Some((_, Phase::Attraction)) => "gnp (attraction only)",
@@ -168,7 +171,7 @@ impl Gnp {
             Some(_) => "gnp",
         };
         let (device, thread) = (device.clone(), DeviceThread::of(device)?);
-        let trained = Arc::new(Trained { header, features, modes, centres, goal: net, force, device, thread });
+        let trained = Arc::new(Trained { header, features, modes, centres, goal: net, packed, force, device, thread });
         Ok(Self { trained, neighbours, selection: Selection::Medoids, trust: 1., explain: false, pool: None, name })
     }
 
@@ -512,7 +515,7 @@ fn pairs(values: &[f32]) -> Vec<[f32; 2]> {
     values.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 
-fn predict_error(model: &str, error: ModelError) -> PredictError {
+pub(crate) fn predict_error(model: &str, error: ModelError) -> PredictError {
     match error {
         ModelError::Shape { needs, found } => PredictError::shape(model, needs, found),
         other => PredictError::Model { model: model.to_owned(), source: Box::new(other) },

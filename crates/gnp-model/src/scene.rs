@@ -95,27 +95,11 @@ impl Features {
         }
         let t_pred = self.shape().t_pred;
         let mut futures = vec![0f32; situations.len() * t_pred * SLOTS * 4];
-        let window = self.config().velocity_window_s;
-        let settling: Vec<f64> = (0..t_pred).map(|j| lateral(1., j as f64 * self.shape().dt())).collect();
-        for (b, situation) in situations.iter().enumerate() {
-            let seen = &situation.seen;
-            let frames: Vec<[f32; 2]> = (0..t_pred).map(|j| situation.frame(j)).collect();
-            for slot in Slot::ALL {
-                let mut put = |j: usize, s: [f32; 4]| {
-                    let [x, vx] = frames[j];
-                    let at = ((b * t_pred + j) * SLOTS + slot.index()) * 4;
-                    futures[at..at + 4].copy_from_slice(&[s[0] - x, s[1], s[2] - vx, s[3]]);
-                };
-                match truths {
-                    Some(truths) => self.recorded_future(seen, &truths[b], slot, put),
-                    None if neighbours == NeighbourFuture::Platoon => {
-                        for (j, s) in situation.following_neighbour(slot, &settling, window).enumerate() {
-                            put(j, [s.x, s.y, s.vx, s.vy]);
-                        }
-                    }
-                    None => self.straight_future(seen, slot, put),
-                }
-            }
+        let settling: Vec<f64> = self.settling().collect();
+        let of_window = futures.chunks_exact_mut(t_pred * SLOTS * 4);
+        for (b, (situation, futures)) in situations.iter().zip(of_window).enumerate() {
+            let truth = truths.map(|truths| &truths[b]);
+            self.neighbour_futures(situation, neighbours, truth, &settling, futures);
         }
         let futures = Tensor::from_vec(futures, (situations.len(), t_pred, SLOTS, 4), device)?;
         self.scene_among(situations, goals, NeighbourStates::Given(futures), device)
@@ -138,17 +122,7 @@ impl Features {
         for situation in situations {
             let seen = &situation.seen;
             self.check_shape(seen.observation())?;
-            let [_, speed] = situation.frame(0);
-            for i in 0..shape.t_obs {
-                // Before it sets out the frame has the speed that it sets out with.
-                let ago = (shape.t_obs - 1 - i) as f32 * shape.dt() as f32;
-                let state = seen.target(i);
-                observed.extend([state.x + speed * ago, state.y, state.vx - speed, state.vy]);
-            }
-            // The roll-out starts from this velocity: one frame's difference would be noise.
-            let [vx, vy] = situation.velocity;
-            let end = observed.len();
-            observed[end - 2..].copy_from_slice(&[vx - speed, vy]);
+            self.observed_states(situation, &mut observed);
             mask.extend(Slot::ALL.map(|slot| if seen.neighbour(slot).is_some() { 1f32 } else { 0. }));
         }
         let b = situations.len();
@@ -163,6 +137,57 @@ impl Features {
             dt: shape.dt(),
             steps: shape.t_pred,
         })
+    }
+
+    /// [`lateral`] of 1 m/s as each step sets out.
+    pub(crate) fn settling(&self) -> impl Iterator<Item = f64> {
+        (0..self.shape().t_pred).map(|j| lateral(1., j as f64 * self.shape().dt()))
+    }
+
+    /// The neighbours of one window in the frame of [`Features::scene`], into `futures` `[t_pred, SLOTS, 4]`, which stay as
+    /// they are where nobody is.
+    pub(crate) fn neighbour_futures(
+        &self,
+        situation: &Situation<'_>,
+        neighbours: NeighbourFuture,
+        truth: Option<&Truth<'_>>,
+        settling: &[f64],
+        futures: &mut [f32],
+    ) {
+        let seen = &situation.seen;
+        for slot in Slot::ALL {
+            let mut put = |j: usize, s: [f32; 4]| {
+                let [x, vx] = situation.frame(j);
+                let at = (j * SLOTS + slot.index()) * 4;
+                futures[at..at + 4].copy_from_slice(&[s[0] - x, s[1], s[2] - vx, s[3]]);
+            };
+            match truth {
+                Some(truth) => self.recorded_future(seen, truth, slot, put),
+                None if neighbours == NeighbourFuture::Platoon => {
+                    let window = self.config().velocity_window_s;
+                    for (j, s) in situation.following_neighbour(slot, settling, window).enumerate() {
+                        put(j, [s.x, s.y, s.vx, s.vy]);
+                    }
+                }
+                None => self.straight_future(seen, slot, put),
+            }
+        }
+    }
+
+    /// Appends the observed states of the target in the frame of [`Features::scene`], `[t_obs, 4]`.
+    pub(crate) fn observed_states(&self, situation: &Situation<'_>, observed: &mut Vec<f32>) {
+        let shape = self.shape();
+        let [_, speed] = situation.frame(0);
+        for i in 0..shape.t_obs {
+            // Before it sets out the frame has the speed that it sets out with.
+            let ago = (shape.t_obs - 1 - i) as f32 * shape.dt() as f32;
+            let state = situation.seen.target(i);
+            observed.extend([state.x + speed * ago, state.y, state.vx - speed, state.vy]);
+        }
+        // The roll-out starts from this velocity: one frame's difference would be noise.
+        let [vx, vy] = situation.velocity;
+        let end = observed.len();
+        observed[end - 2..].copy_from_slice(&[vx - speed, vy]);
     }
 
     /// Adds the way of the moving frame to paths `[batch, k, steps, 2]` that were rolled out in it, m, window frame.
@@ -211,24 +236,28 @@ impl Features {
     }
 }
 
+/// The lane lines of a window as [`Lines`] has them, from right to left.
+pub(crate) fn line_values(seen: &AugmentedView<'_>) -> impl Iterator<Item = [f32; 3]> {
+    seen.lines().enumerate().map(|(m, line)| match line.kind {
+        MarkingKind::LaneDivider => [line.y, 0., 0.],
+        // The rightmost line has the road to its left.
+        MarkingKind::Boundary => [line.y, 1., if m == 0 { 1. } else { -1. }],
+    })
+}
+
 /// Lane lines, padded to the most that any window has.
 fn lines(situations: &[Situation<'_>], device: &Device) -> Result<Lines, ModelError> {
-    let all: Vec<_> = situations.iter().map(|it| it.seen.lines()).collect();
-    let most = all.iter().map(Vec::len).max().unwrap_or(0).max(1);
-    let (mut lines, mut present) = (vec![0f32; all.len() * most * 3], vec![0f32; all.len() * most]);
-    for (b, window) in all.iter().enumerate() {
-        for (m, line) in window.iter().enumerate() {
-            let at = b * most + m;
-            present[at] = 1.;
-            let (kind, side) = match line.kind {
-                MarkingKind::LaneDivider => (0., 0.),
-                // The rightmost line has the road to its left.
-                MarkingKind::Boundary => (1., if m == 0 { 1. } else { -1. }),
-            };
-            lines[3 * at..3 * at + 3].copy_from_slice(&[line.y, kind, side]);
+    let b = situations.len();
+    let most = situations.iter().map(|it| it.seen.lines().count()).max().unwrap_or(0).max(1);
+    let (mut lines, mut present) = (vec![0f32; b * most * 3], vec![0f32; b * most]);
+    for (situation, (lines, present)) in
+        situations.iter().zip(lines.chunks_exact_mut(most * 3).zip(present.chunks_exact_mut(most)))
+    {
+        for ((line, to), present) in line_values(&situation.seen).zip(lines.chunks_exact_mut(3)).zip(present) {
+            to.copy_from_slice(&line);
+            *present = 1.;
         }
     }
-    let b = all.len();
     Ok(Lines {
         lines: Tensor::from_vec(lines, (b, most, 3), device)?,
         present: Tensor::from_vec(present, (b, most), device)?,

@@ -36,54 +36,91 @@ impl Selection {
 /// Chosen one after the other, each where it lowers the expected distance most (a greedy bound of
 /// 1 - 1/e on the best choice); the first of equals.
 pub(crate) fn medoids(goals: &[[f32; 2]], probabilities: &[f32], k: usize, first: Option<usize>) -> Vec<(usize, f32)> {
-    let n = goals.len();
-    let distances = distances(goals);
-    // Of every goal: distance to the nearest that is chosen, and which of them that is.
-    let mut nearest = vec![f32::INFINITY; n];
-    let mut places = vec![0; n];
-    let mut costs = vec![0f32; n];
-    let mut chosen: Vec<usize> = Vec::with_capacity(k.min(n));
-    while chosen.len() < k.min(n) {
-        let best = match first.filter(|_| chosen.is_empty()) {
-            Some(first) => first,
-            None => {
-                costs.fill(0.);
-                // The costs of all candidates grow together, goal by goal.
-                for ((row, probability), nearest) in distances.chunks_exact(n).zip(probabilities).zip(&nearest) {
-                    for (cost, distance) in costs.iter_mut().zip(row) {
-                        *cost += probability * if distance < nearest { *distance } else { *nearest };
+    let mut choice = Choice::default();
+    choice.medoids(goals, probabilities, k, first);
+    choice.picked
+}
+
+/// A choice of goals, in memory that the next one uses again.
+#[derive(Debug, Default)]
+pub(crate) struct Choice {
+    /// What [`medoids`] gives.
+    pub(crate) picked: Vec<(usize, f32)>,
+    /// Distance of every goal to every other, `[goals, goals]`, m.
+    distances: Vec<f32>,
+    /// Of every goal: distance to the nearest that is chosen, and which of them that is.
+    nearest: Vec<f32>,
+    places: Vec<usize>,
+    /// Expected distance to the nearest, were a goal chosen next.
+    costs: Vec<f32>,
+    chosen: Vec<usize>,
+    /// Probability that each chosen one stands for, and the order of these.
+    mass: Vec<f32>,
+    order: Vec<usize>,
+}
+
+impl Choice {
+    /// As [`medoids`], into [`Choice::picked`].
+    pub(crate) fn medoids(&mut self, goals: &[[f32; 2]], probabilities: &[f32], k: usize, first: Option<usize>) {
+        let Self { picked, distances, nearest, places, costs, chosen, mass, order } = self;
+        let n = goals.len();
+        distances_of(goals, distances);
+        refill(nearest, n, f32::INFINITY);
+        refill(places, n, 0);
+        refill(costs, n, 0.);
+        chosen.clear();
+        while chosen.len() < k.min(n) {
+            let best = match first.filter(|_| chosen.is_empty()) {
+                Some(first) => first,
+                None => {
+                    costs.fill(0.);
+                    // The costs of all candidates grow together, goal by goal.
+                    for ((row, probability), nearest) in distances.chunks_exact(n).zip(probabilities).zip(&*nearest) {
+                        for (cost, distance) in costs.iter_mut().zip(row) {
+                            *cost += probability * if distance < nearest { *distance } else { *nearest };
+                        }
                     }
+                    let free = (0..n).filter(|goal| !chosen.contains(goal));
+                    let Some(best) = free.reduce(|best, next| if costs[next] < costs[best] { next } else { best })
+                    else {
+                        break;
+                    };
+                    best
                 }
-                let free = (0..n).filter(|goal| !chosen.contains(goal));
-                let Some(best) = free.reduce(|best, next| if costs[next] < costs[best] { next } else { best }) else {
-                    break;
-                };
-                best
+            };
+            for ((nearest, place), distance) in nearest.iter_mut().zip(&mut *places).zip(&distances[best * n..][..n]) {
+                if distance < nearest {
+                    (*nearest, *place) = (*distance, chosen.len());
+                }
             }
-        };
-        for ((nearest, place), distance) in nearest.iter_mut().zip(&mut places).zip(&distances[best * n..][..n]) {
-            if distance < nearest {
-                (*nearest, *place) = (*distance, chosen.len());
+            chosen.push(best);
+        }
+        refill(mass, chosen.len(), 0.);
+        for (place, probability) in places.iter().zip(probabilities) {
+            if let Some(mass) = mass.get_mut(*place) {
+                *mass += probability;
             }
         }
-        chosen.push(best);
+        let total: f32 = mass.iter().sum();
+        mass.iter_mut().for_each(|mass| *mass /= total);
+        order.clear();
+        order.extend(0..chosen.len());
+        let rest = usize::from(first.is_some()).min(order.len());
+        order[rest..].sort_unstable_by(|a, b| mass[*b].total_cmp(&mass[*a]).then(a.cmp(b)));
+        picked.clear();
+        picked.extend(order.iter().map(|place| (chosen[*place], mass[*place])));
     }
-    let mut mass = vec![0f32; chosen.len()];
-    for (place, probability) in places.iter().zip(probabilities) {
-        if let Some(mass) = mass.get_mut(*place) {
-            *mass += probability;
-        }
-    }
-    let total: f32 = mass.iter().sum();
-    let mut picked: Vec<(usize, f32)> = chosen.into_iter().zip(mass.into_iter().map(|mass| mass / total)).collect();
-    let rest = usize::from(first.is_some()).min(picked.len());
-    picked[rest..].sort_by(|a, b| b.1.total_cmp(&a.1));
-    picked
+}
+
+/// Makes `values` so many times `value`.
+fn refill<T: Clone>(values: &mut Vec<T>, count: usize, value: T) {
+    values.clear();
+    values.resize(count, value);
 }
 
 /// Distance of every goal to every other, `[goals, goals]`, m.
-fn distances(goals: &[[f32; 2]]) -> Vec<f32> {
-    let mut distances = vec![0.; goals.len() * goals.len()];
+fn distances_of(goals: &[[f32; 2]], distances: &mut Vec<f32>) {
+    refill(distances, goals.len() * goals.len(), 0.);
     for (row, a) in distances.chunks_exact_mut(goals.len().max(1)).zip(goals) {
         for (distance, b) in row.iter_mut().zip(goals) {
             // The squares of `f32` neither overflow nor round in `f64`.
@@ -91,7 +128,6 @@ fn distances(goals: &[[f32; 2]]) -> Vec<f32> {
             *distance = (x * x + y * y).sqrt() as f32;
         }
     }
-    distances
 }
 
 #[cfg(test)]

@@ -28,13 +28,19 @@ pub struct Situation<'a> {
 }
 
 /// The traffic ahead and how it moves if everybody follows.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Following {
     pub(crate) traffic: Traffic,
     pub(crate) motion: Motion,
 }
 
 impl<'a> Situation<'a> {
+    /// The window of a target that follows, with the velocity `vy` across the road, m/s.
+    pub(crate) fn behind(platoon: Following, seen: AugmentedView<'a>, vy: f32) -> Self {
+        let velocity = [platoon.motion.speed(Traffic::TARGET, 0) as f32, vy];
+        Self { seen, velocity, platoon: Some(platoon) }
+    }
+
     /// The window as the networks see it.
     #[must_use]
     pub fn view(&self) -> &AugmentedView<'a> {

@@ -146,6 +146,20 @@ impl Gnp {
         }
     }
 
+    /// [`Gnp::shrink`] of last points alone.
+    pub(crate) fn shrink_ends(&self, ends: &mut [[f32; 2]], probabilities: &[f32]) {
+        if self.trust >= 1. {
+            return;
+        }
+        let mut mean = [0f32; 2];
+        for (end, probability) in ends.iter().zip(probabilities) {
+            mean = [mean[0] + probability * end[0], mean[1] + probability * end[1]];
+        }
+        for end in ends {
+            *end = [end[0] - (1. - self.trust) * mean[0], end[1] - (1. - self.trust) * mean[1]];
+        }
+    }
+
     /// The share of what the goal network expects on average beyond the reference path, 0 to 1, with the least squared
     /// error over all predicted frames of `windows`, each counted with its weight; `None` where futures are positions and
     /// have no reference. Windows of the validation part are those to ask for.

@@ -33,8 +33,13 @@ impl Reference {
     /// The way at constant `velocity` (m/s) over `steps` steps of `dt` s ([`ModeFrame::Deviation`]).
     #[must_use]
     pub fn constant_velocity(velocity: [f32; 2], dt: f32, steps: usize) -> Vec<[f32; 2]> {
-        let at = |j: usize| (j + 1) as f64 * f64::from(dt);
-        (0..steps).map(|j| velocity.map(|v| (f64::from(v) * at(j)) as f32)).collect()
+        (1..=steps).map(|step| Self::after(velocity, dt, step)).collect()
+    }
+
+    /// The way after `step` steps of [`Reference::constant_velocity`].
+    #[must_use]
+    pub fn after(velocity: [f32; 2], dt: f32, step: usize) -> [f32; 2] {
+        velocity.map(|v| (f64::from(v) * (step as f64 * f64::from(dt))) as f32)
     }
 
     /// What is subtracted at step `j`, in the frame of the path, m.

@@ -24,6 +24,8 @@ mod history_encoder;
 mod layout;
 mod mlp;
 mod trace;
+mod values;
+mod workspace;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -34,13 +36,15 @@ use rayon::prelude::*;
 
 use self::backward::InputGradient;
 use self::batch::{Batch, Chunk};
-use self::forward::{Outcome, Record, Tape};
+use self::forward::{Detail, Outcome, Record, Tape};
 use self::layout::{Gradient, Net, Packed};
 use crate::network::SocialForce;
 use crate::roll_out::Sizes;
 use crate::{Phase, RollOut, RollOutBatch, TermRollOut, TrajConfig};
 
 pub(crate) use self::layout::Layout;
+pub use self::values::RollOutValues;
+pub use self::workspace::{RollOutWorkspace, RolledOut, RolledOutTerm};
 
 /// Values (4 bytes each) that the tapes of one batch may hold; chunks beyond go forward once more
 /// before they go backward. Also what waits for the next batch at most.
@@ -66,6 +70,11 @@ impl Fused {
         Ok(Self { packed: Some(Arc::new(self.pack(weights)?)), ..self.clone() })
     }
 
+    /// The packed weights of a frozen network.
+    pub(crate) fn packed(&self) -> Option<&Net<Packed>> {
+        self.packed.as_deref()
+    }
+
     /// Whether the weights are packed already.
     pub(crate) fn is_frozen(&self) -> bool {
         self.packed.is_some()
@@ -79,9 +88,9 @@ impl Fused {
     }
 
     /// All chunks without a gradient.
-    fn roll_out(&self, batch: &Batch, net: &Net<Packed>, explain: bool) -> Vec<Outcome> {
+    fn roll_out(&self, batch: &Batch, net: &Net<Packed>, detail: Detail) -> Vec<Outcome> {
         let roll_out = |chunk: &Chunk<'_>| {
-            let (outcome, tape) = forward::roll_out(chunk, net, &self.pool, false, explain);
+            let (outcome, tape) = forward::roll_out(chunk, net, &self.pool, false, detail);
             tape.recycle(&self.pool, self.tape_values);
             outcome
         };
@@ -113,7 +122,8 @@ impl Fused {
         let inputs = goals.track_op() || observed.track_op();
         if let Some(net) = self.packed.as_ref().filter(|_| !inputs) {
             let batch = Batch::new(network, batch, sizes, phase)?;
-            let paths: Vec<_> = self.roll_out(&batch, net, false).into_iter().map(|outcome| outcome.path).collect();
+            let paths: Vec<_> =
+                self.roll_out(&batch, net, Detail::Path).into_iter().map(|outcome| outcome.path).collect();
             return Tensor::from_vec(paths.concat(), (sizes.batch, sizes.goals, batch.steps, 2), &Device::Cpu);
         }
         let part = |(i, weight): (usize, &Tensor)| {
@@ -142,7 +152,7 @@ impl Fused {
             Some(net) => Arc::clone(net),
             None => Arc::new(self.pack(weights)?),
         };
-        explained(self.roll_out(&batch, &net, true), &batch)
+        explained(self.roll_out(&batch, &net, Detail::Parameters), &batch)
     }
 }
 
@@ -169,7 +179,7 @@ fn explained(outcomes: Vec<Outcome>, batch: &Batch) -> Result<RollOut> {
     Ok(RollOut {
         path: tensor(paths.concat(), &[2])?,
         velocity: part(&|record| &record.velocity, &[2])?,
-        terms: batch.acting().into_iter().enumerate().map(term).collect::<Result<_>>()?,
+        terms: batch.acting().enumerate().map(term).collect::<Result<_>>()?,
     })
 }
 
@@ -208,7 +218,7 @@ impl Operation {
         dpath: &[f32],
     ) -> (Net<Gradient>, Option<InputGradient>) {
         let (pool, width) = (&self.fused.pool, self.batch.sizes.goals * self.batch.steps * 2);
-        let mut tape = tape.unwrap_or_else(|| forward::roll_out(chunk, net, pool, true, false).1);
+        let mut tape = tape.unwrap_or_else(|| forward::roll_out(chunk, net, pool, true, Detail::Path).1);
         let mut gradient = self.fused.layout.maps.map(|dense| Gradient::zeros(dense, chunk.groups()));
         let dpath = &dpath[chunk.windows.start * width..chunk.windows.end * width];
         let inputs = backward::adjoint(chunk, net, &mut tape, dpath, &mut gradient, self.inputs);
@@ -241,7 +251,7 @@ impl CustomOp3 for Operation {
             .par_iter()
             .map(|chunk| {
                 let keep = self.keep && chunk.windows.end <= room;
-                let (outcome, tape) = forward::roll_out(chunk, &net, &self.fused.pool, keep, false);
+                let (outcome, tape) = forward::roll_out(chunk, &net, &self.fused.pool, keep, Detail::Path);
                 if keep {
                     return (outcome.path, Some(tape));
                 }

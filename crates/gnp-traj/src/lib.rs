@@ -42,6 +42,7 @@ mod weights;
 
 pub use crate::config::{InputScale, TrajConfig};
 pub use crate::error::TrajError;
+pub use crate::fused::{RollOutValues, RollOutWorkspace, RolledOut, RolledOutTerm};
 pub use crate::network::SocialForce;
 pub use crate::roll_out::{Engine, Lines, NeighbourStates, Neighbours, Phase, RollOut, RollOutBatch, TermRollOut};
 pub use crate::terms::TermConfig;

@@ -7,7 +7,7 @@ use candle_nn::{Init, VarBuilder, ops::sigmoid};
 use gnp_force::{ForceTerm, GoalAttraction, LineRepulsion, TermDescriptor, VehicleRepulsion};
 use gnp_nn::{Linear, Lstm, LstmState, Mlp, linear};
 
-use crate::fused::Fused;
+use crate::fused::{Fused, RollOutWorkspace, RolledOut};
 #[cfg(feature = "cuda")]
 use crate::recorded;
 use crate::roll_out::Sizes;
@@ -21,7 +21,7 @@ use crate::{Engine, NeighbourStates, Phase, RollOut, RollOutBatch, TrajConfig, T
 pub struct SocialForce {
     pub(crate) cfg: TrajConfig,
     pub(crate) net: Net<Linear, Lstm, Mlp>,
-    pub(crate) terms: Terms,
+    pub(crate) terms: Arc<Terms>,
     fused: Fused,
     /// In the order in which the fused roll-out lays them out.
     pub(crate) weights: Vec<Tensor>,
@@ -48,6 +48,14 @@ impl Terms {
             lines: described(&LineRepulsion),
             fixed: Vec::new(),
         }
+    }
+
+    /// Those that act in a batch of these sizes and how many sources each has, in the order in which they are added up.
+    pub(crate) fn acting(&self, sizes: Sizes) -> impl Iterator<Item = (&Arc<TermDescriptor>, usize)> {
+        let learned = [(&self.goal, true), (&self.neighbours, sizes.k), (&self.lines, sizes.k_line)];
+        let learned = learned.into_iter().filter(|(_, acts)| *acts).map(|(term, _)| term);
+        let all = learned.chain(self.fixed.iter().map(|term| &term.descriptor));
+        all.map(move |term| (term, sizes.sources(term.arity))).filter(|(_, sources)| *sources > 0)
     }
 
     /// Adds a term unless one of its name acts already.
@@ -125,7 +133,7 @@ impl SocialForce {
         Ok(Self {
             cfg: cfg.clone(),
             net,
-            terms,
+            terms: Arc::new(terms),
             fused,
             weights,
             #[cfg(feature = "cuda")]
@@ -139,7 +147,7 @@ impl SocialForce {
     /// # Errors
     /// When a term of its name acts already, or the values are not as many as its parameters.
     pub fn with_term(mut self, law: Arc<dyn ForceTerm<f32>>, parameters: &[f64]) -> Result<Self, TrajError> {
-        self.terms.add(FixedTerm::new(law, parameters)?, &self.cfg)?;
+        Arc::make_mut(&mut self.terms).add(FixedTerm::new(law, parameters)?, &self.cfg)?;
         Ok(self)
     }
 
@@ -216,6 +224,35 @@ impl SocialForce {
             Engine::Fused => self.fused.explain(self, &self.weights, batch, sizes, phase)?,
             Engine::Graph => graph::roll_out(&self.detached()?, batch, sizes, phase)?,
         })
+    }
+
+    /// Rolls out what `workspace.values` hold, on the caller's thread and in the memory of `workspace`, with the forces of
+    /// every step where they are to be explained; the same bits as [`SocialForce::roll_out`] for neighbours that are given.
+    /// Nothing is allocated where an earlier roll-out had no fewer windows, goals, steps, slots and lines.
+    ///
+    /// All windows are carried through a step together: 96 rows (windows times goals) at a time are fastest.
+    ///
+    /// # Errors
+    /// [`TrajError::Batch`] for a network that is not [`SocialForce::frozen`] on a CPU; when the values are not as many as
+    /// their sizes say.
+    pub fn roll_out_into<'a>(
+        &'a self,
+        phase: Phase,
+        explain: bool,
+        workspace: &'a mut RollOutWorkspace,
+    ) -> Result<RolledOut<'a>, TrajError> {
+        let sizes = workspace.values.check(&self.cfg, &self.terms, phase)?;
+        let Some(net) = self.fused.packed() else {
+            let problem = "the network is not packed; take `frozen` of one on a CPU".to_owned();
+            return Err(TrajError::Batch { name: "network", problem });
+        };
+        Ok(workspace.roll_out(self, net, sizes, phase, explain))
+    }
+
+    /// Whether [`SocialForce::roll_out_into`] works.
+    #[must_use]
+    pub fn is_packed(&self) -> bool {
+        self.fused.is_frozen()
     }
 
     /// The faster engine of those that can roll `batch` out.

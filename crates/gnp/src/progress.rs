@@ -69,7 +69,7 @@ impl Stop {
     ///
     /// # Errors
     /// [`Error::Stopped`] once somebody has asked to stop.
-    pub(crate) fn check(&self) -> Result<()> {
+    pub fn check(&self) -> Result<()> {
         if self.is_requested() { Err(Error::Stopped { kept: None }) } else { Ok(()) }
     }
 

@@ -82,7 +82,7 @@ pub(super) fn find(variable: &str, name: &str) -> Result<Option<PathBuf>> {
 }
 
 /// The program of that name where programs are sought.
-pub(super) fn installed(name: &str) -> Option<PathBuf> {
+pub(crate) fn installed(name: &str) -> Option<PathBuf> {
     std::env::var_os("PATH").and_then(|folders| in_path(folders, name))
 }
 

@@ -11,7 +11,7 @@ const DEPTH: usize = 4;
 /// What an observation shows of the traffic that a target and its neighbours follow.
 ///
 /// Positions and speeds are along the road, in the target's window frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Traffic {
     /// The target first.
     pub(crate) vehicles: Vec<SeenVehicle>,
@@ -56,12 +56,31 @@ impl Traffic {
     /// Place of the target.
     pub const TARGET: usize = 0;
 
+    /// Most vehicles of any traffic.
+    pub(crate) const MOST: usize = (1 + SLOTS) * (1 + DEPTH);
+
     /// The target's column and those of its neighbours.
     pub(crate) fn of(observation: &Observation<'_>, spans: Spans) -> Self {
-        let mut gathering = Gathering { observation, spans, vehicles: Vec::new(), followed: Vec::new() };
+        let mut traffic = Self::default();
+        traffic.gather(observation, spans, &mut GatherRoom::default());
+        traffic
+    }
+
+    /// Makes room for any traffic.
+    pub(crate) fn reserve(&mut self) {
+        self.vehicles.reserve(Self::MOST.saturating_sub(self.vehicles.len()));
+    }
+
+    /// [`Traffic::of`] in the memory of this one.
+    pub(crate) fn gather(&mut self, observation: &Observation<'_>, spans: Spans, room: &mut GatherRoom) {
+        self.vehicles.clear();
+        room.followed.clear();
+        room.followed.reserve(Self::MOST);
+        let mut gathering = Gathering { observation, spans, vehicles: &mut self.vehicles, room };
         let shape = observation.shape();
         let own = |i| Some(observation.target(i));
-        let target = seen(u32::MAX, own, shape.t_obs, shape.dt(), f64::from(observation.size()[0]), spans);
+        let length = f64::from(observation.size()[0]);
+        let target = seen(u32::MAX, own, shape.t_obs, shape.dt(), length, spans, &mut gathering.room.x);
         let target = gathering.add(SeenVehicle { vehicle: observation.vehicle(), ..target });
         gathering.follow(target, observation.leader());
         let slots = Slot::ALL.map(|slot| {
@@ -69,14 +88,16 @@ impl Traffic {
             let place = gathering.place(neighbour.vehicle()).unwrap_or_else(|| {
                 let state = |i| neighbour.state(i);
                 let size = f64::from(neighbour.size()[0]);
-                gathering.add(seen(neighbour.vehicle(), state, shape.t_obs, shape.dt(), size, spans))
+                let x = &mut gathering.room.x;
+                let it = seen(neighbour.vehicle(), state, shape.t_obs, shape.dt(), size, spans, x);
+                gathering.add(it)
             });
             gathering.follow(place, neighbour.leader());
             Some(place)
         });
         // A vehicle ahead in the lane that is not the leader is beyond one that only the target's rows name.
-        let beyond = slots[Slot::Preceding.index()].filter(|place| gathering.vehicles[target].leader != Some(*place));
-        Self { vehicles: gathering.vehicles, slots, beyond }
+        self.beyond = slots[Slot::Preceding.index()].filter(|place| self.vehicles[target].leader != Some(*place));
+        self.slots = slots;
     }
 
     /// The vehicles, the target first.
@@ -88,15 +109,13 @@ impl Traffic {
     /// The vehicles ahead of the target in its lane, nearest first: whom it follows, then whom it would follow were the
     /// nearer ones gone.
     pub fn column(&self) -> impl Iterator<Item = &SeenVehicle> {
-        self.places_ahead().into_iter().map(|place| &self.vehicles[place])
+        self.places_ahead().map(|place| &self.vehicles[place])
     }
 
-    fn places_ahead(&self) -> Vec<usize> {
-        let nearest = self.vehicles[Self::TARGET].leader;
-        match (nearest, self.beyond) {
-            (Some(named), Some(beyond)) => [named, beyond].into_iter().chain(self.ahead_of(beyond)).collect(),
-            _ => self.ahead_of(Self::TARGET).collect(),
-        }
+    fn places_ahead(&self) -> impl Iterator<Item = usize> {
+        let hidden = self.vehicles[Self::TARGET].leader.zip(self.beyond);
+        let known = self.ahead_of(hidden.map_or(Self::TARGET, |(_, beyond)| beyond));
+        hidden.into_iter().flat_map(|(named, beyond)| [named, beyond]).chain(known)
     }
 
     /// Places of the vehicles ahead of the one at `place`, nearest first. Nobody follows in a circle.
@@ -114,6 +133,12 @@ impl Traffic {
     /// The same traffic with everything along the road but the bodies multiplied by `factor`.
     #[must_use]
     pub fn scaled(mut self, factor: f64) -> Self {
+        self.scale(factor);
+        self
+    }
+
+    /// As [`Traffic::scaled`], in place.
+    pub fn scale(&mut self, factor: f64) {
         for it in &mut self.vehicles {
             it.position *= factor;
             it.speed *= factor;
@@ -121,7 +146,6 @@ impl Traffic {
             it.variance *= factor * factor;
             it.slow_acceleration *= factor;
         }
-        self
     }
 
     /// The target and its column alone.
@@ -141,26 +165,34 @@ impl Traffic {
     pub fn without_nearest(&self, count: usize) -> Self {
         let mut changed = self.clone();
         if count > 0 {
-            changed.vehicles[Self::TARGET].leader = self.places_ahead().get(count).copied();
+            changed.vehicles[Self::TARGET].leader = self.places_ahead().nth(count);
             changed.beyond = None;
         }
         changed
     }
 }
 
+/// Room to gather traffic in.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct GatherRoom {
+    /// Whether it is known whom a vehicle follows.
+    followed: Vec<bool>,
+    /// Latest positions of one vehicle, m.
+    x: Vec<f64>,
+}
+
 /// Traffic being gathered.
 struct Gathering<'a, 'b> {
     observation: &'b Observation<'a>,
     spans: Spans,
-    vehicles: Vec<SeenVehicle>,
-    /// Whether it is known whom the vehicle follows.
-    followed: Vec<bool>,
+    vehicles: &'b mut Vec<SeenVehicle>,
+    room: &'b mut GatherRoom,
 }
 
 impl<'a> Gathering<'a, '_> {
     fn add(&mut self, it: SeenVehicle) -> usize {
         self.vehicles.push(it);
-        self.followed.push(false);
+        self.room.followed.push(false);
         self.vehicles.len() - 1
     }
 
@@ -178,12 +210,14 @@ impl<'a> Gathering<'a, '_> {
     fn follow(&mut self, mut place: usize, mut leader: Option<Leader<'a>>) {
         let shape = self.observation.shape();
         for _ in 0..DEPTH {
-            if !self.followed[place] {
-                self.followed[place] = true;
+            if !self.room.followed[place] {
+                self.room.followed[place] = true;
                 let next = leader.as_ref().map(|leader| {
                     self.place(leader.vehicle()).unwrap_or_else(|| {
                         let (state, size) = (|i| leader.state(i), f64::from(leader.size()[0]));
-                        self.add(seen(leader.vehicle(), state, shape.t_obs, shape.dt(), size, self.spans))
+                        let x = &mut self.room.x;
+                        let it = seen(leader.vehicle(), state, shape.t_obs, shape.dt(), size, self.spans, x);
+                        self.add(it)
                     })
                 });
                 // A file may name vehicles that follow one another in a circle: nobody leads there.
@@ -197,7 +231,7 @@ impl<'a> Gathering<'a, '_> {
 
 /// A vehicle from its states by observed frame; over fewer frames where it was not there in all.
 ///
-/// The speed is that of a straight line, the acceleration that of a parabola, by least squares.
+/// The speed is that of a straight line, the acceleration that of a parabola, by least squares; `x` is room to work in.
 fn seen(
     vehicle: u32,
     state: impl Fn(usize) -> Option<TrackState>,
@@ -205,11 +239,14 @@ fn seen(
     dt: f64,
     length: f64,
     spans: Spans,
+    x: &mut Vec<f64>,
 ) -> SeenVehicle {
     let most = spans.speed.max(spans.acceleration).max(spans.slow_acceleration);
     // Latest first.
     let back = (0..=most).map_while(|back| state(t_obs.checked_sub(1 + back)?));
-    let x: Vec<f64> = back.map(|state| f64::from(state.x)).collect();
+    x.clear();
+    x.reserve(most + 1);
+    x.extend(back.map(|state| f64::from(state.x)));
     let now = state(t_obs.saturating_sub(1)).unwrap_or_default();
     let over = |periods: usize| x[..x.len().min(periods + 1)].iter().rev().copied();
     let (speed, since) = match over(spans.speed).len() {

@@ -3,12 +3,14 @@
 use std::collections::{BTreeMap, HashMap};
 
 use super::{RowPlaces, TrackTable};
-use crate::leader::NAMED_LEADER_SIZE;
 use crate::recording::VehicleClass;
 
-/// Length and width, m, that a vehicle of a class is taken to have where its data does not say.
-pub const DEFAULT_SIZES: [(VehicleClass, [f32; 2]); 3] =
-    [(VehicleClass::Motorcycle, [2.2, 0.8]), (VehicleClass::Car, NAMED_LEADER_SIZE), (VehicleClass::Truck, [12., 2.5])];
+/// [`VehicleClass::default_size`] of all classes.
+pub const DEFAULT_SIZES: [(VehicleClass, [f32; 2]); 3] = [
+    (VehicleClass::Motorcycle, VehicleClass::Motorcycle.default_size()),
+    (VehicleClass::Car, VehicleClass::Car.default_size()),
+    (VehicleClass::Truck, VehicleClass::Truck.default_size()),
+];
 
 /// A vehicle of unknown class is a motorcycle up to the first length, m, and a truck from the second on.
 const CLASS_LENGTHS: [f32; 2] = [2.6, 7.5];
@@ -69,7 +71,7 @@ impl VehicleWord {
 
 /// Length and width of a class, m.
 pub(super) fn default_size(class: VehicleClass) -> [f32; 2] {
-    DEFAULT_SIZES.iter().find(|(of, _)| *of == class).map_or(NAMED_LEADER_SIZE, |(_, size)| *size)
+    class.default_size()
 }
 
 /// The class of a vehicle of which only the length, m, is known.

@@ -70,6 +70,7 @@ impl<'a> Parts<&'a mut [f32]> {
 }
 
 /// The maps as `[in, out]`: what the forward pass multiplies with.
+#[derive(Debug)]
 pub(crate) struct Transposed {
     pub(crate) query: Vec<f32>,
     pub(crate) key_value: Vec<f32>,

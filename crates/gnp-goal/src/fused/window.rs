@@ -66,8 +66,9 @@ impl Shape {
 /// The transformer ready to run.
 pub(crate) struct Transformer<'a> {
     shape: Shape,
-    encoder: Vec<Layer<'a>>,
-    decoder: Layer<'a>,
+    weights: &'a [f32],
+    /// Of the encoder's blocks and then of the decoder; none where there are fewer.
+    masks: &'a [BlockMasks],
     /// Map to a logit: weight `[width]` and bias.
     logit: (&'a [f32], f32),
 }
@@ -135,21 +136,25 @@ fn row_range(index: u32, width: usize) -> std::ops::Range<usize> {
 
 impl<'a> Transformer<'a> {
     /// With `weights` as many as [`Shape::weights`], and the masks of the blocks of the encoder and then of the decoder.
-    pub(crate) fn new(shape: Shape, weights: &'a [f32], masks: &[BlockMasks]) -> Self {
+    pub(crate) fn new(shape: Shape, weights: &'a [f32], masks: &'a [BlockMasks]) -> Self {
         let Shape { layers, width, hidden, .. } = shape;
+        let logit = &weights[(layers + 1) * block_weights(width, hidden)..];
+        Self { shape, weights, masks, logit: (&logit[..width], logit[width]) }
+    }
+
+    /// Block `i` of the encoder, and behind them the decoder.
+    fn layer(&self, i: usize) -> Layer<'a> {
+        let Shape { layers, width, hidden, .. } = self.shape;
         let size = block_weights(width, hidden);
-        let layer = |i: usize, sizes: Sizes| Layer {
-            sizes,
-            parts: Parts::of(&weights[i * size..][..size], width, hidden),
-            masks: masks.get(i).copied().unwrap_or(BlockMasks::NONE),
-        };
-        let logit = &weights[(layers + 1) * size..];
-        Self {
-            shape,
-            encoder: (0..layers).map(|i| layer(i, shape.encoder())).collect(),
-            decoder: layer(layers, shape.decoder()),
-            logit: (&logit[..width], logit[width]),
+        Layer {
+            sizes: if i < layers { self.shape.encoder() } else { self.shape.decoder() },
+            parts: Parts::of(&self.weights[i * size..][..size], width, hidden),
+            masks: self.masks.get(i).copied().unwrap_or(BlockMasks::NONE),
         }
+    }
+
+    fn decoder(&self) -> Layer<'a> {
+        self.layer(self.shape.layers)
     }
 
     /// The parts of what a window leaves: of the encoder's blocks, and of the decoder.
@@ -179,11 +184,9 @@ impl<'a> Transformer<'a> {
         window.tokens(x);
         let (blocks, last) = kept.split_at_mut(layers * encoder.kept_values());
         let first = window.index * size;
-        for ((layer, t), kept) in
-            self.encoder.iter().zip(transposed).zip(blocks.chunks_exact_mut(encoder.kept_values()))
-        {
+        for (i, (t, kept)) in transposed.iter().zip(blocks.chunks_exact_mut(encoder.kept_values())).enumerate() {
             let mut kept = Kept::of_mut(kept, &encoder);
-            layer.forward(t, Input { x, keys: x, first }, out, &mut kept, &mut Room::of(room, &encoder));
+            self.layer(i).forward(t, Input { x, keys: x, first }, out, &mut kept, &mut Room::of(room, &encoder));
             std::mem::swap(&mut x, &mut out);
         }
         let (t, mut kept, mut room) = (&transposed[layers], Kept::of_mut(last, &decoder), Room::of(room, &decoder));
@@ -195,10 +198,10 @@ impl<'a> Transformer<'a> {
                 for (to, index) in rows.chunks_exact_mut(width).zip(pick(logits).as_ref()) {
                     to.copy_from_slice(&x[row_range(*index, width)]);
                 }
-                self.decoder.forward(t, input(rows), decoded, &mut kept, &mut room);
+                self.decoder().forward(t, input(rows), decoded, &mut kept, &mut room);
             }
             ProbabilityHead::Decoder => {
-                self.decoder.forward(t, input(x), out, &mut kept, &mut room);
+                self.decoder().forward(t, input(x), out, &mut kept, &mut room);
                 row_products(logits, out, self.logit.0, self.logit.1);
                 for (to, index) in decoded.chunks_exact_mut(width).zip(pick(logits).as_ref()) {
                     to.copy_from_slice(&out[row_range(*index, width)]);
@@ -237,25 +240,25 @@ impl<'a> Transformer<'a> {
                 d_rows.copy_from_slice(d_decoded);
                 let tokens = TokenGradients { out: d_rows, x: d_picked, keys: d_keys };
                 let mut room = Room::of(room, &decoder);
-                self.decoder.backward(Input { x: rows, keys, first }, tokens, &mut d.decoder, &last, &mut room);
+                self.decoder().backward(Input { x: rows, keys, first }, tokens, &mut d.decoder, &last, &mut room);
                 self.logits_back(&x[..size], d_logits, &mut d_out[..size], d);
                 add_picked(d_out, d_picked, picked, width);
             }
             ProbabilityHead::Decoder => {
-                self.decoder.output(&last, &mut rows[..size]);
+                self.decoder().output(&last, &mut rows[..size]);
                 self.logits_back(&rows[..size], d_logits, &mut d_x[..size], d);
                 add_picked(d_x, d_decoded, picked, width);
                 let tokens = TokenGradients { out: &mut d_x[..size], x: &mut d_out[..size], keys: d_keys };
                 let input = Input { x: &x[..size], keys, first };
-                self.decoder.backward(input, tokens, &mut d.decoder, &last, &mut Room::of(room, &decoder));
+                self.decoder().backward(input, tokens, &mut d.decoder, &last, &mut Room::of(room, &decoder));
             }
         }
         let (x, mut d_out, mut d_x) = (&mut x[..size], &mut d_out[..size], &mut d_x[..size]);
-        for (i, ((layer, kept), d)) in self.encoder.iter().zip(&blocks).zip(&mut d.encoder).enumerate().rev() {
+        for (i, (kept, d)) in blocks.iter().zip(&mut d.encoder).enumerate().rev() {
             self.output(i, window, &blocks, x);
             let input = Input { x, keys: x, first: window.index * size };
             let tokens = TokenGradients { out: d_out, x: d_x, keys: None };
-            layer.backward(input, tokens, d, kept, &mut Room::of(room, &encoder));
+            self.layer(i).backward(input, tokens, d, kept, &mut Room::of(room, &encoder));
             std::mem::swap(&mut d_out, &mut d_x);
         }
         add_rows(gradients.modes, d_out);
@@ -265,7 +268,7 @@ impl<'a> Transformer<'a> {
     /// What the first `count` blocks of the encoder gave.
     fn output(&self, count: usize, window: &Window<'_>, blocks: &[Kept<&[f32]>], to: &mut [f32]) {
         match count.checked_sub(1) {
-            Some(last) => self.encoder[last].output(&blocks[last], to),
+            Some(last) => self.layer(last).output(&blocks[last], to),
             None => window.tokens(to),
         }
     }

@@ -27,6 +27,21 @@ impl Aligned {
         Self::over(vec![0.; len + LINE], len)
     }
 
+    /// Makes it `len` values long, where it has the memory; else with new memory. What the values are is left open.
+    pub fn resize(&mut self, len: usize) {
+        if self.holds(len) {
+            self.len = len;
+        } else {
+            *self = Self::zeros(len);
+        }
+    }
+
+    /// Whether it has the memory for `len` values.
+    #[must_use]
+    pub fn holds(&self, len: usize) -> bool {
+        self.data.len() >= len + LINE
+    }
+
     /// The first aligned `len` values of `data`, which holds at least [`LINE`] more.
     fn over(data: Vec<f32>, len: usize) -> Self {
         let start = data.as_ptr().align_offset(LINE * size_of::<f32>()).min(data.len() - len);
@@ -57,11 +72,11 @@ impl Pool {
         Aligned::over(data, len)
     }
 
-    /// Takes buffers back, as long as all that wait hold no more than `limit` values.
+    /// Takes buffers back, but for empty ones, as long as all that wait hold no more than `limit` values.
     pub fn give(&self, buffers: impl IntoIterator<Item = Aligned>, limit: usize) {
         let mut idle = self.lock();
         let mut held: usize = idle.iter().map(Vec::len).sum();
-        for buffer in buffers {
+        for buffer in buffers.into_iter().filter(|buffer| !buffer.data.is_empty()) {
             held += buffer.data.len();
             if held > limit {
                 break;
@@ -100,10 +115,19 @@ mod tests {
             assert_eq!((buffer.len(), buffer.as_ptr().addr() % (LINE * size_of::<f32>())), (len, 0));
         }
         assert_eq!([0, 1, 16, 17].map(padded), [0, 16, 16, 32]);
+        let mut buffer = Aligned::default();
+        buffer.resize(40);
+        let place = buffer.as_ptr();
+        buffer[39] = 5.;
+        buffer.resize(3);
+        buffer.resize(40);
+        assert_eq!((buffer.as_ptr(), buffer[39]), (place, 5.), "memory that suffices stays");
+        buffer.resize(1000);
+        assert_eq!((buffer.len(), buffer.as_ptr().addr() % (LINE * size_of::<f32>())), (1000, 0));
         let pool = Pool::default();
         let (mut first, second) = (pool.take(100), pool.take(90));
         first.fill(7.);
-        pool.give([first, second], 150);
+        pool.give([Aligned::default(), first, second], 150);
         assert_eq!(pool.lock().len(), 1, "the second would go beyond the limit");
         let again = pool.take(80);
         assert!(again.iter().all(|v| *v == 7.), "what it holds is left open");

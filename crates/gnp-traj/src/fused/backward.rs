@@ -90,7 +90,7 @@ impl<'a, 'b> Back<'a, 'b> {
         let [occupied, pairs] = chunk.cuts_of(&chunk.neighbours);
         let [_, line_pairs] = chunk.cuts_of(&chunk.lines);
         let history_encoder = |i: usize| {
-            let tape = tape.future[i].as_ref().filter(|_| trained(phase, i));
+            let tape = Some(&tape.future[i]).filter(|tape| tape.acts() && trained(phase, i));
             tape.map(|tape| HistoryAdjoint::new(tape, all.clone(), gather.rows))
         };
         Self {
@@ -103,8 +103,11 @@ impl<'a, 'b> Back<'a, 'b> {
             dk_line: vec![0.; lines],
             history_encoders: [0, 1].map(history_encoder),
             tau: trained(phase, 0).then(|| HeadAdjoint::new(&net.tau, &tape.tau, all.clone(), gather.rows)),
-            k: tape.k.as_ref().map(|k| HeadAdjoint::new(&net.k, k, pairs, gather.neighbours)),
-            k_line: tape.k_line.as_ref().map(|k| HeadAdjoint::new(&net.k_line, k, line_pairs.clone(), gather.lines)),
+            k: tape.k.acts().then(|| HeadAdjoint::new(&net.k, &tape.k, pairs, gather.neighbours)),
+            k_line: tape
+                .k_line
+                .acts()
+                .then(|| HeadAdjoint::new(&net.k_line, &tape.k_line, line_pairs.clone(), gather.lines)),
             encoders: [&net.enc_nei, &net.enc_line].map(|layers| Workspace::adjoint(layers, 2 * BLOCK)),
             dgoal: Aligned::zeros(rows * width),
             dlatent: Aligned::zeros(rows * width),
@@ -148,7 +151,7 @@ impl<'a, 'b> Back<'a, 'b> {
                 dtau[row] += parameters[0] * batch.tau_max;
             },
         );
-        if tape.k.is_some() {
+        if tape.k.acts() {
             let dk = &mut self.dk;
             undoing.undo(
                 &VehicleRepulsion,
@@ -159,7 +162,7 @@ impl<'a, 'b> Back<'a, 'b> {
                 },
             );
         }
-        if tape.k_line.is_some() {
+        if tape.k_line.acts() {
             let dk = &mut self.dk_line;
             undoing.undo(
                 &LineRepulsion,
@@ -189,9 +192,7 @@ impl<'a, 'b> Back<'a, 'b> {
     /// Undoes the run of the networks before `step`.
     fn networks(&mut self, tape: &mut Tape, step: usize, run: usize, gradient: &mut Net<Gradient>) {
         let (net, width, runs) = (self.net, self.width, self.chunk.batch.runs());
-        if let (Some(head), Some(history_encoder), Some(future)) =
-            (&mut self.tau, &mut self.history_encoders[0], &tape.future[0])
-        {
+        if let (Some(head), Some(history_encoder)) = (&mut self.tau, &mut self.history_encoders[0]) {
             head.run(&net.tau, &tape.tau, (run, runs), &self.dtau, &mut gradient.tau, &mut self.scratch);
             for (row, dinput) in head.dinput.chunks_exact(2 * width).enumerate() {
                 self.dlatent[row * width..][..width].copy_from_slice(&dinput[..width]);
@@ -200,7 +201,7 @@ impl<'a, 'b> Back<'a, 'b> {
             let dlatent = Rows { data: &self.dlatent, stride: width };
             history_encoder.latent(
                 &net.history_encoders[0],
-                future,
+                &tape.future[0],
                 run,
                 dlatent,
                 &mut gradient.history_encoders[0],
@@ -210,11 +211,11 @@ impl<'a, 'b> Back<'a, 'b> {
         self.dlatent.fill(0.);
         self.neighbours(tape, step, run, gradient);
         self.lines(tape, step, run, gradient);
-        if let (Some(history_encoder), Some(future)) = (&mut self.history_encoders[1], &tape.future[1]) {
+        if let Some(history_encoder) = &mut self.history_encoders[1] {
             let dlatent = Rows { data: &self.dlatent, stride: width };
             history_encoder.latent(
                 &net.history_encoders[1],
-                future,
+                &tape.future[1],
                 run,
                 dlatent,
                 &mut gradient.history_encoders[1],
@@ -228,12 +229,12 @@ impl<'a, 'b> Back<'a, 'b> {
             return;
         }
         for i in 0..2 {
-            if let (Some(history_encoder), Some(future)) = (&mut self.history_encoders[i], &mut tape.future[i]) {
+            if let Some(history_encoder) = &mut self.history_encoders[i] {
                 let dscaled = RowsMut { data: &mut self.dscaled, stride: LINE };
                 let (steps, gradient) = ((run - 1, runs - 1), &mut gradient.history_encoders[i]);
                 history_encoder.step(
                     &net.history_encoders[i],
-                    future,
+                    &mut tape.future[i],
                     steps,
                     &tape.scaled,
                     Some(dscaled),
@@ -251,9 +252,9 @@ impl<'a, 'b> Back<'a, 'b> {
 
     /// Undoes the head and the encoder of neighbours.
     fn neighbours(&mut self, tape: &Tape, step: usize, run: usize, gradient: &mut Net<Gradient>) {
-        let (Some(head), Some(k)) = (&mut self.k, &tape.k) else { return };
+        let Some(head) = &mut self.k else { return };
         let (net, chunk, width) = (self.net, self.chunk, self.width);
-        head.run(&net.k, k, (run, chunk.batch.runs()), &self.dk, &mut gradient.k, &mut self.scratch);
+        head.run(&net.k, &tape.k, (run, chunk.batch.runs()), &self.dk, &mut gradient.k, &mut self.scratch);
         let occupied = chunk.neighbours.occupied.len();
         self.dlatents[..occupied * width].fill(0.);
         for (&(row, occupied), dinput) in chunk.neighbours.pairs.iter().zip(head.dinput.chunks_exact(2 * width)) {
@@ -269,9 +270,16 @@ impl<'a, 'b> Back<'a, 'b> {
 
     /// Undoes the head and the encoder of lines.
     fn lines(&mut self, tape: &Tape, step: usize, run: usize, gradient: &mut Net<Gradient>) {
-        let (Some(head), Some(k)) = (&mut self.k_line, &tape.k_line) else { return };
+        let Some(head) = &mut self.k_line else { return };
         let (net, chunk, width) = (self.net, self.chunk, self.width);
-        head.run(&net.k_line, k, (run, chunk.batch.runs()), &self.dk_line, &mut gradient.k_line, &mut self.scratch);
+        head.run(
+            &net.k_line,
+            &tape.k_line,
+            (run, chunk.batch.runs()),
+            &self.dk_line,
+            &mut gradient.k_line,
+            &mut self.scratch,
+        );
         let pairs = &chunk.lines.pairs;
         let entries = pairs.iter().zip(head.dinput.chunks_exact(2 * width)).zip(self.dlatents.chunks_exact_mut(width));
         for ((&(row, _), dinput), dlatent) in entries {
@@ -305,7 +313,8 @@ impl<'a, 'b> Back<'a, 'b> {
         let mut dinputs = inputs.then(|| self.start());
         let mut dstates = Aligned::zeros(if inputs { chunk.count() * LINE } else { 0 });
         for (i, history_encoder) in self.history_encoders.into_iter().enumerate() {
-            let (Some(history_encoder), Some(history)) = (history_encoder, &mut tape.history[i]) else { continue };
+            let Some(history_encoder) = history_encoder else { continue };
+            let history = &mut tape.history[i];
             let cuts = self.windows.clone();
             let mut history_encoder = history_encoder.into_history(history, goals, cuts, batch.gather.windows);
             for step in (0..batch.seen()).rev() {

@@ -8,6 +8,7 @@ use gnp_force::{Arity, Source, State, TermDescriptor};
 
 use super::cuts::{Cuts, GROUP};
 use super::layout::{HistoryEncoder, Net, Packed};
+use super::values::RollOutValues;
 use crate::network::{SocialForce, Terms};
 use crate::roll_out::Sizes;
 use crate::terms::line;
@@ -35,15 +36,10 @@ pub(crate) struct Batch {
     pub(crate) k_max: f32,
     pub(crate) k_max_line: f32,
     pub(crate) integrator: Integrator,
-    pub(crate) terms: Terms,
+    pub(crate) terms: Arc<Terms>,
     /// Factors on `(x, y, vx, vy)` before they enter a network.
     pub(crate) scale: [f32; 4],
-    observed: Vec<f32>,
-    goals: Vec<f32>,
-    states: Vec<f32>,
-    present: Vec<bool>,
-    lines: Vec<f32>,
-    line_present: Vec<bool>,
+    pub(crate) values: RollOutValues,
     pub(crate) gather: Gather,
 }
 
@@ -78,41 +74,52 @@ impl Gather {
 impl Batch {
     /// Reads the tensors of a checked batch whose neighbours, if any act, are given.
     pub(crate) fn new(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes, phase: Phase) -> Result<Self> {
-        let cfg = &network.cfg;
-        let (mut states, mut present, mut lines, mut line_present) = (vec![], vec![], vec![], vec![]);
+        let mut read = RollOutValues {
+            windows: sizes.batch,
+            t_obs: sizes.observed,
+            goals_each: sizes.goals,
+            slots: sizes.slots,
+            most_lines: sizes.lines,
+            steps: batch.steps,
+            dt: batch.dt,
+            observed: values(&batch.observed)?,
+            goals: values(&batch.goals)?,
+            ..RollOutValues::default()
+        };
         if let Some(neighbours) = batch.neighbours.as_ref().filter(|_| sizes.slots > 0) {
             match &neighbours.states {
-                NeighbourStates::Given(given) => states = values(given)?,
+                NeighbourStates::Given(given) => read.neighbours = values(given)?,
                 NeighbourStates::Joint { .. } => candle_core::bail!("joint neighbours are rolled out by the graph"),
             }
-            present = values(&neighbours.present)?.into_iter().map(|v| v != 0.).collect();
+            read.neighbour_present = values(&neighbours.present)?.into_iter().map(|v| v != 0.).collect();
         }
         if let Some(given) = batch.lines.as_ref().filter(|_| sizes.lines > 0) {
-            lines = values(&given.lines)?;
-            line_present = values(&given.present)?.into_iter().map(|v| v != 0.).collect();
+            read.lines = values(&given.lines)?;
+            read.line_present = values(&given.present)?.into_iter().map(|v| v != 0.).collect();
         }
+        Ok(Self::of(network, read, sizes, phase))
+    }
+
+    /// A batch of checked values.
+    pub(crate) fn of(network: &SocialForce, values: RollOutValues, sizes: Sizes, phase: Phase) -> Self {
+        let cfg = &network.cfg;
         let (position, velocity) = (cfg.input_scale.position as f32, cfg.input_scale.velocity as f32);
-        Ok(Self {
+        Self {
             sizes,
             phase,
-            steps: batch.steps,
+            steps: values.steps,
             period: cfg.network_period,
-            dt: batch.dt as f32,
+            dt: values.dt as f32,
             r_col: cfg.r_col as f32,
             tau_max: cfg.tau_max as f32,
             k_max: cfg.k_max as f32,
             k_max_line: cfg.k_max_line as f32,
             integrator: cfg.integrator,
-            terms: network.terms.clone(),
+            terms: Arc::clone(&network.terms),
             scale: [position, position, velocity, velocity],
-            gather: Gather::new(sizes, &present, &line_present),
-            observed: values(&batch.observed)?,
-            goals: values(&batch.goals)?,
-            states,
-            present,
-            lines,
-            line_present,
-        })
+            gather: Gather::new(sizes, &values.neighbour_present, &values.line_present),
+            values,
+        }
     }
 
     /// The windows in chunks for so many threads; chunks of whole groups, if gradients are to be summed. What comes
@@ -145,12 +152,8 @@ impl Batch {
     }
 
     /// The terms that act and how many sources each has, in the order in which they are added up.
-    pub(crate) fn acting(&self) -> Vec<(&Arc<TermDescriptor>, usize)> {
-        let Terms { goal, neighbours, lines, fixed } = &self.terms;
-        let learned = [(goal, true), (neighbours, self.sizes.k), (lines, self.sizes.k_line)];
-        let learned = learned.into_iter().filter(|(_, acts)| *acts).map(|(term, _)| term);
-        let all = learned.chain(fixed.iter().map(|term| &term.descriptor));
-        all.map(|term| (term, self.sizes.sources(term.arity))).filter(|(_, sources)| *sources > 0).collect()
+    pub(crate) fn acting(&self) -> impl Iterator<Item = (&Arc<TermDescriptor>, usize)> {
+        self.terms.acting(self.sizes)
     }
 
     /// The observed frame that is the `seen`-th one the networks see.
@@ -189,8 +192,20 @@ pub(crate) struct ActiveSlots {
 }
 
 impl ActiveSlots {
-    fn new(windows: Range<usize>, slots: usize, goals: usize, present: &[bool]) -> Self {
-        let mut active = Self::default();
+    /// Makes room for so many entries, were all of them present.
+    pub(crate) fn reserve(&mut self, windows: usize, slots: usize, goals: usize) {
+        for (entries, count) in [(&mut self.occupied, 1), (&mut self.first_rows, 1), (&mut self.pairs, goals)] {
+            entries.clear();
+            entries.reserve(windows * slots * count);
+        }
+    }
+
+    /// The entries of `windows` that are `present` `[windows, slots]`, in the memory of this one.
+    fn filled(mut self, windows: Range<usize>, slots: usize, goals: usize, present: &[bool]) -> Self {
+        let active = &mut self;
+        for entries in [&mut active.occupied, &mut active.first_rows, &mut active.pairs] {
+            entries.clear();
+        }
         for (window, global) in windows.enumerate() {
             let first = active.occupied.len();
             let there = (0..slots).filter(|slot| present[global * slots + slot]);
@@ -200,11 +215,9 @@ impl ActiveSlots {
                 active.pairs.extend((first..active.occupied.len()).map(|i| (window * goals + goal, i)));
             }
         }
-        active
+        self
     }
-}
 
-impl ActiveSlots {
     /// The pairs, or where the rows of a window are `alike` those of the first.
     pub(crate) fn distinct(&self, alike: bool) -> &[(usize, usize)] {
         if alike { &self.first_rows } else { &self.pairs }
@@ -213,13 +226,23 @@ impl ActiveSlots {
 
 impl<'a> Chunk<'a> {
     fn new(batch: &'a Batch, windows: Range<usize>) -> Self {
-        let Sizes { goals, slots, lines, .. } = batch.sizes;
+        Self::in_memory(batch, windows, Default::default())
+    }
+
+    /// The chunk with its active neighbours and lines in this memory.
+    pub(crate) fn in_memory(batch: &'a Batch, windows: Range<usize>, [neighbours, of_lines]: [ActiveSlots; 2]) -> Self {
+        let (Sizes { goals, slots, lines, .. }, values) = (batch.sizes, &batch.values);
         Self {
             batch,
-            neighbours: ActiveSlots::new(windows.clone(), slots, goals, &batch.present),
-            lines: ActiveSlots::new(windows.clone(), lines, goals, &batch.line_present),
+            neighbours: neighbours.filled(windows.clone(), slots, goals, &values.neighbour_present),
+            lines: of_lines.filled(windows.clone(), lines, goals, &values.line_present),
             windows,
         }
+    }
+
+    /// The memory of its active neighbours and lines.
+    pub(crate) fn into_memory(self) -> [ActiveSlots; 2] {
+        [self.neighbours, self.lines]
     }
 
     /// Pairs of a row and a neighbour, and of a row and a line, whose strength the network sets.
@@ -260,27 +283,28 @@ impl<'a> Chunk<'a> {
     /// The state of a window at the `seen`-th frame that the networks see.
     pub(crate) fn observed(&self, window: usize, seen: usize) -> [f32; 4] {
         let frames = self.batch.sizes.observed;
-        quad(&self.batch.observed, (self.windows.start + window) * frames + self.batch.frame(seen))
+        quad(&self.batch.values.observed, (self.windows.start + window) * frames + self.batch.frame(seen))
     }
 
     /// The goal of a row.
     pub(crate) fn goal(&self, row: usize) -> [f32; 2] {
         let at = 2 * (self.windows.start * self.batch.sizes.goals + row);
-        [self.batch.goals[at], self.batch.goals[at + 1]]
+        [self.batch.values.goals[at], self.batch.values.goals[at + 1]]
     }
 
     /// The state of an occupied slot in a step.
     pub(crate) fn neighbour(&self, step: usize, occupied: usize) -> [f32; 4] {
         let (window, slot) = self.neighbours.occupied[occupied];
         let at = (self.windows.start + window) * self.batch.steps + step;
-        quad(&self.batch.states, at * self.batch.sizes.slots + slot)
+        quad(&self.batch.values.neighbours, at * self.batch.sizes.slots + slot)
     }
 
     /// `(y, kind, side)` of a line that is there.
     pub(crate) fn line(&self, occupied: usize) -> [f32; 3] {
         let (window, slot) = self.lines.occupied[occupied];
         let at = 3 * ((self.windows.start + window) * self.batch.sizes.lines + slot);
-        [self.batch.lines[at], self.batch.lines[at + 1], self.batch.lines[at + 2]]
+        let lines = &self.batch.values.lines;
+        [lines[at], lines[at + 1], lines[at + 2]]
     }
 
     /// What a term of that arity acts from in a step: the goal of every row, or every occupied slot.

@@ -1,9 +1,7 @@
 //! One chunk carried through all steps.
 
-use std::sync::Arc;
-
 use gnp_force::na::Vector2;
-use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, Source, State, TermDescriptor, VehicleRepulsion};
+use gnp_force::{Arity, CENTRE_CUTOFF, ForceTerm, GoalAttraction, LineRepulsion, Source, State, VehicleRepulsion};
 use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut};
 
 use super::batch::{Batch, Chunk};
@@ -15,21 +13,31 @@ use super::trace::Trace;
 use crate::{Integrator, Phase};
 
 /// What a chunk leaves behind for its adjoint.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Tape {
     /// Scaled observed states `[windows, LINE]` and rolled-out ones `[rows, LINE]` that the networks saw.
     pub(crate) seen: Trace,
     pub(crate) scaled: Trace,
     /// phi_1 and phi_2, over the observed frames and over the predicted ones; phi_2 if anything pushes.
-    pub(crate) history: [Option<HistoryTape>; 2],
-    pub(crate) future: [Option<HistoryTape>; 2],
+    pub(crate) history: [HistoryTape; 2],
+    pub(crate) future: [HistoryTape; 2],
     /// States `[rows, 4]` before each step.
     pub(crate) motion: Trace,
     /// Scaled goals `[rows, LINE]`.
     pub(crate) goals: Aligned,
     pub(crate) tau: HeadTape,
-    pub(crate) k: Option<HeadTape>,
-    pub(crate) k_line: Option<HeadTape>,
+    pub(crate) k: HeadTape,
+    pub(crate) k_line: HeadTape,
+}
+
+/// What a roll-out tells beside its path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Detail {
+    Path,
+    /// The forces of every step.
+    Forces,
+    /// Also their parameters, at every distance.
+    Parameters,
 }
 
 /// What comes out of a chunk, rows first.
@@ -49,24 +57,45 @@ pub(crate) struct Record {
     pub(crate) terms: Vec<TermRecord>,
 }
 
-/// A term: forces `[rows, steps, sources, 2]` and each parameter that varies `[rows, steps, sources]`.
+/// A term: forces `[rows, steps, sources, 2]` and, where they are told, each parameter that varies
+/// `[rows, steps, sources]`.
 #[derive(Debug, Default)]
 pub(crate) struct TermRecord {
-    sources: usize,
+    pub(crate) sources: usize,
     pub(crate) forces: Vec<f32>,
     pub(crate) parameters: Vec<Vec<f32>>,
 }
 
-impl Record {
-    fn new(chunk: &Chunk<'_>) -> Self {
-        let entries = chunk.rows() * chunk.batch.steps;
-        let term = |(term, sources): (&Arc<TermDescriptor>, usize)| TermRecord {
-            sources,
-            forces: vec![0.; entries * sources * 2],
-            parameters: vec![vec![0.; entries * sources]; term.varying().count()],
-        };
-        Self { velocity: vec![0.; entries * 2], terms: chunk.batch.acting().into_iter().map(term).collect() }
+impl Outcome {
+    /// Room for a chunk, in its memory where that suffices.
+    fn reset(&mut self, chunk: &Chunk<'_>, detail: Detail) {
+        zero(&mut self.path, chunk.rows() * chunk.batch.steps * 2);
+        match detail {
+            Detail::Path => self.record = None,
+            _ => self.record.get_or_insert_default().reset(chunk, detail),
+        }
     }
+}
+
+impl Record {
+    fn reset(&mut self, chunk: &Chunk<'_>, detail: Detail) {
+        let entries = chunk.rows() * chunk.batch.steps;
+        zero(&mut self.velocity, entries * 2);
+        self.terms.resize_with(chunk.batch.acting().count(), TermRecord::default);
+        for (record, (term, sources)) in self.terms.iter_mut().zip(chunk.batch.acting()) {
+            record.sources = sources;
+            zero(&mut record.forces, entries * sources * 2);
+            let parameters = if detail == Detail::Parameters { term.varying().count() } else { 0 };
+            record.parameters.resize_with(parameters, Vec::new);
+            record.parameters.iter_mut().for_each(|values| zero(values, entries * sources));
+        }
+    }
+}
+
+/// Makes `values` so many zeros.
+fn zero(values: &mut Vec<f32>, len: usize) {
+    values.clear();
+    values.resize(len, 0.);
 }
 
 /// The forces of a step while terms add to them, and what is recorded of them.
@@ -112,36 +141,34 @@ impl Adding<'_, '_> {
 }
 
 impl Tape {
-    fn new(chunk: &Chunk<'_>, net: &Net<Packed>, pool: &Pool, keep: bool) -> Self {
+    /// Room for a chunk, in its memory where that suffices, else in that of `pool`.
+    fn reset(&mut self, chunk: &Chunk<'_>, net: &Net<Packed>, pool: &Pool, keep: bool) {
         let batch = chunk.batch;
         let (rows, runs, seen) = (chunk.rows(), batch.runs(), batch.seen());
         let (neighbours, lines) = chunk.learned_pairs();
         let kept = |steps: usize| if keep { steps } else { steps.min(2) };
-        let history_encoder = |i: usize, rows: usize, steps: usize| {
-            let acts = i == 0 || neighbours + lines > 0;
+        self.seen.reset(pool, kept(seen), chunk.count() * LINE);
+        self.scaled.reset(pool, kept(runs), rows * LINE);
+        for (i, history_encoder) in net.history_encoders.iter().enumerate() {
+            // Room for pairs is made also where there happen to be none, so that the next chunk finds it.
+            let acts = i == 0 || if keep { neighbours + lines > 0 } else { batch.sizes.k || batch.sizes.k_line };
+            let [windows, rows] = [chunk.count(), rows].map(|rows| if acts { rows } else { 0 });
             let keep = keep && trained(batch.phase, i);
-            acts.then(|| HistoryTape::new(pool, &net.history_encoders[i], rows, steps, keep))
-        };
-        let head = |layers: &[Packed], rows: usize| (rows > 0).then(|| HeadTape::new(pool, layers, rows, runs, keep));
-        Self {
-            seen: Trace::new(pool, kept(seen), chunk.count() * LINE),
-            scaled: Trace::new(pool, kept(runs), rows * LINE),
-            history: [0, 1].map(|i| history_encoder(i, chunk.count(), seen)),
-            future: [0, 1].map(|i| history_encoder(i, rows, runs - 1)),
-            motion: Trace::new(pool, kept(batch.steps + 1), rows * 4),
-            goals: Aligned::zeros(rows * LINE),
-            tau: HeadTape::new(pool, &net.tau, rows, runs, keep && trained(batch.phase, 0)),
-            k: head(&net.k, neighbours),
-            k_line: head(&net.k_line, lines),
+            self.history[i].reset(pool, history_encoder, windows, seen, keep);
+            self.future[i].reset(pool, history_encoder, rows, runs - 1, keep);
         }
+        self.motion.reset(pool, kept(batch.steps + 1), rows * 4);
+        self.goals.resize(rows * LINE);
+        self.tau.reset(pool, &net.tau, [rows, rows], runs, keep && trained(batch.phase, 0));
+        self.k.reset(pool, &net.k, [neighbours, rows * batch.sizes.slots], runs, keep);
+        self.k_line.reset(pool, &net.k_line, [lines, rows * batch.sizes.lines], runs, keep);
     }
 
     /// Gives all memory back, keeping at most `limit` values idle.
     pub(crate) fn recycle(self, pool: &Pool, limit: usize) {
-        let history_encoders =
-            self.history.into_iter().chain(self.future).flatten().flat_map(HistoryTape::into_buffers);
+        let history_encoders = self.history.into_iter().chain(self.future).flat_map(HistoryTape::into_buffers);
         let traces = [self.seen, self.scaled, self.motion].map(Trace::into_buffer);
-        let heads = [Some(self.tau), self.k, self.k_line].into_iter().flatten().flat_map(HeadTape::into_buffers);
+        let heads = [self.tau, self.k, self.k_line].into_iter().flat_map(HeadTape::into_buffers);
         pool.give(history_encoders.chain(traces).chain(heads), limit);
     }
 }
@@ -161,12 +188,28 @@ pub(crate) fn roll_out(
     net: &Net<Packed>,
     pool: &Pool,
     keep: bool,
-    explain: bool,
+    detail: Detail,
 ) -> (Outcome, Tape) {
-    let mut tape = Tape::new(chunk, net, pool, keep);
-    observe(chunk, net, &mut tape);
-    let outcome = Drive::new(chunk, net, &mut tape, explain).run();
+    let (mut outcome, mut tape) = (Outcome::default(), Tape::default());
+    roll_out_into(chunk, net, pool, (keep, detail), &mut tape, &mut Work::default(), &mut outcome);
     (outcome, tape)
+}
+
+/// [`roll_out`] in memory that is there.
+pub(crate) fn roll_out_into(
+    chunk: &Chunk<'_>,
+    net: &Net<Packed>,
+    pool: &Pool,
+    (keep, detail): (bool, Detail),
+    tape: &mut Tape,
+    work: &mut Work,
+    outcome: &mut Outcome,
+) {
+    tape.reset(chunk, net, pool, keep);
+    outcome.reset(chunk, detail);
+    observe(chunk, net, tape);
+    work.reset(chunk, net, &tape.goals);
+    Drive { chunk, net, tape, work, outcome, detail }.run();
 }
 
 /// Takes in the observed frames and sets the start of the roll-out.
@@ -178,13 +221,13 @@ fn observe(chunk: &Chunk<'_>, net: &Net<Packed>, tape: &mut Tape) {
         }
         let states = Rows { data: tape.seen.at(step), stride: LINE };
         for (history_encoder, history) in net.history_encoders.iter().zip(&mut tape.history) {
-            if let Some(history) = history {
+            if history.acts() {
                 history.advance(history_encoder, step, states);
             }
         }
     }
     for (history, future) in tape.history.iter().zip(&mut tape.future) {
-        if let (Some(history), Some(future)) = (history, future) {
+        if history.acts() {
             future.start_from(history, batch.seen(), goals);
         }
     }
@@ -219,6 +262,20 @@ pub(crate) fn line_features(chunk: &Chunk<'_>, pairs: &[(usize, usize)], motion:
     }
 }
 
+/// How far a vehicle may come sideways between two frames of which the networks see the first, m.
+const SIDEWAYS: f32 = 1.;
+
+/// The pairs of a row and a line that may push until the networks run again: all but those with a line between lanes
+/// beyond its cut-off.
+fn near_lines(chunk: &Chunk<'_>, motion: &[f32], near: &mut Vec<(usize, usize)>) {
+    let reach = CENTRE_CUTOFF as f32 + 1e-3 + SIDEWAYS * (chunk.batch.period - 1) as f32;
+    near.clear();
+    near.extend(chunk.lines.pairs.iter().copied().filter(|&(row, occupied)| {
+        let [y, kind, _] = chunk.line(occupied);
+        kind > 0.5 || (motion[4 * row + 1] - y).abs() < reach
+    }));
+}
+
 /// The state of a row.
 pub(crate) fn state_of(motion: &[f32], row: usize) -> State<f32> {
     let at = 4 * row;
@@ -236,8 +293,7 @@ pub(crate) struct Learned<'a> {
 
 impl<'a> Learned<'a> {
     pub(crate) fn of(batch: &'a Batch, tape: &'a Tape, run: usize) -> Self {
-        let values = |head: &'a Option<HeadTape>| head.as_ref().map_or(&[][..], |head| head.value(run));
-        Self { batch, tau: tape.tau.value(run), k: values(&tape.k), k_line: values(&tape.k_line) }
+        Self { batch, tau: tape.tau.value(run), k: tape.k.value(run), k_line: tape.k_line.value(run) }
     }
 
     /// Of the goal of a row.
@@ -261,12 +317,22 @@ struct Drive<'a, 'b> {
     chunk: &'a Chunk<'b>,
     net: &'a Net<Packed>,
     tape: &'a mut Tape,
-    outcome: Outcome,
+    work: &'a mut Work,
+    outcome: &'a mut Outcome,
+    detail: Detail,
+}
+
+/// Room to work in while a chunk is driven.
+#[derive(Debug, Default)]
+pub(crate) struct Work {
     /// On every row in a step.
     forces: Vec<Vector2<f32>>,
     sources: Vec<Source<f32>>,
+    /// Pairs of a row and a line near enough to push.
+    near: Vec<(usize, usize)>,
     heads: [HeadWork; 3],
-    encoders: [Workspace; 2],
+    /// Of neighbours, lines and goals.
+    encoders: [Workspace; 3],
     /// Features and latents of what is encoded at a step.
     features: Aligned,
     latents: Aligned,
@@ -277,45 +343,47 @@ struct Drive<'a, 'b> {
     width: usize,
 }
 
-impl<'a, 'b> Drive<'a, 'b> {
-    fn new(chunk: &'a Chunk<'b>, net: &'a Net<Packed>, tape: &'a mut Tape, explain: bool) -> Self {
-        let (rows, width) = (chunk.rows(), net.history_encoders[0].out.outputs());
-        let most = chunk.neighbours.occupied.len().max(chunk.lines.pairs.len());
-        let mut goal_latent = Aligned::zeros(rows * width);
-        let mut work = Workspace::forward(&net.enc_goal, BLOCK);
-        let goals = Rows { data: &tape.goals, stride: LINE };
-        mlp::forward(&net.enc_goal, &mut work, rows, goals, RowsMut { data: &mut goal_latent, stride: width });
-        let path = vec![0.; rows * chunk.batch.steps * 2];
-        Self {
-            chunk,
-            net,
-            tape,
-            outcome: Outcome { path, record: explain.then(|| Record::new(chunk)) },
-            forces: vec![Vector2::zeros(); rows],
-            sources: Vec::with_capacity(rows.max(chunk.neighbours.occupied.len())),
-            heads: [&net.tau, &net.k, &net.k_line].map(|layers| HeadWork::new(layers)),
-            encoders: [&net.enc_nei, &net.enc_line].map(|layers| Workspace::forward(layers, BLOCK)),
-            features: Aligned::zeros(most * LINE),
-            latents: Aligned::zeros(most * width),
-            latent: Aligned::zeros(rows * width),
-            goal_latent,
-            width,
+impl Work {
+    /// Room for a chunk with these scaled goals, whatever is present, in its memory where that suffices.
+    fn reset(&mut self, chunk: &Chunk<'_>, net: &Net<Packed>, goals: &[f32]) {
+        let (rows, windows, sizes) = (chunk.rows(), chunk.count(), chunk.batch.sizes);
+        self.width = net.history_encoders[0].out.outputs();
+        let most = (windows * sizes.slots).max(rows * sizes.lines);
+        self.forces.resize(rows, Vector2::zeros());
+        self.sources.clear();
+        self.sources.reserve(rows.max(windows * sizes.slots.max(sizes.lines)));
+        self.near.clear();
+        self.near.reserve(rows * sizes.lines);
+        for (work, layers) in self.heads.iter_mut().zip([&net.tau, &net.k, &net.k_line]) {
+            work.reset(layers);
         }
+        for (work, layers) in self.encoders.iter_mut().zip([&net.enc_nei, &net.enc_line, &net.enc_goal]) {
+            work.reset(layers, BLOCK);
+        }
+        self.features.resize(most * LINE);
+        self.latents.resize(most * self.width);
+        self.latent.resize(rows * self.width);
+        self.goal_latent.resize(rows * self.width);
+        let latents = RowsMut { data: &mut self.goal_latent, stride: self.width };
+        mlp::forward(&net.enc_goal, &mut self.encoders[2], rows, Rows { data: goals, stride: LINE }, latents);
     }
+}
 
-    fn run(mut self) -> Outcome {
+impl Drive<'_, '_> {
+    fn run(mut self) {
         for step in 0..self.chunk.batch.steps {
             if step % self.chunk.batch.period == 0 {
                 self.networks(step, step / self.chunk.batch.period);
             }
             self.physics(step, step / self.chunk.batch.period);
         }
-        self.outcome
     }
 
     /// Sets `tau` and the strengths from the state at `step`.
     fn networks(&mut self, step: usize, run: usize) {
-        let (net, chunk, width) = (self.net, self.chunk, self.width);
+        let (net, chunk) = (self.net, self.chunk);
+        let Work { heads, encoders, features, latents, latent, goal_latent, width, near, .. } = &mut *self.work;
+        let width = *width;
         if run > 0 {
             let (motion, scaled) = (self.tape.motion.at(step), self.tape.scaled.at_mut(run - 1));
             for (state, scaled) in motion.as_chunks::<4>().0.iter().zip(scaled.chunks_exact_mut(LINE)) {
@@ -323,56 +391,64 @@ impl<'a, 'b> Drive<'a, 'b> {
             }
             let states = Rows { data: self.tape.scaled.at(run - 1), stride: LINE };
             for (history_encoder, future) in net.history_encoders.iter().zip(&mut self.tape.future) {
-                if let Some(future) = future {
+                if future.acts() {
                     future.advance(history_encoder, run - 1, states);
                 }
             }
         }
-        if let Some(future) = &self.tape.future[0] {
-            future.latent(&net.history_encoders[0], run, RowsMut { data: &mut self.latent, stride: width });
-        }
+        let history_code = RowsMut { data: latent, stride: width };
+        self.tape.future[0].latent(&net.history_encoders[0], run, history_code);
         for (row, input) in self.tape.tau.input.at_mut(run).chunks_exact_mut(2 * width).enumerate() {
-            input[..width].copy_from_slice(&self.latent[row * width..][..width]);
-            input[width..].copy_from_slice(&self.goal_latent[row * width..][..width]);
+            input[..width].copy_from_slice(&latent[row * width..][..width]);
+            input[width..].copy_from_slice(&goal_latent[row * width..][..width]);
         }
-        self.tape.tau.forward(&net.tau, run, chunk.rows(), &mut self.heads[0]);
+        self.tape.tau.forward(&net.tau, run, chunk.rows(), &mut heads[0]);
 
-        if let Some(future) = &self.tape.future[1] {
-            future.latent(&net.history_encoders[1], run, RowsMut { data: &mut self.latent, stride: width });
+        if self.tape.future[1].acts() {
+            let history_code = RowsMut { data: latent, stride: width };
+            self.tape.future[1].latent(&net.history_encoders[1], run, history_code);
         }
         // All goals of a window set out from one state: the first run looks at one of them.
         let alike = |k: &HeadTape| run == 0 && !k.keep;
-        if let Some(k) = &mut self.tape.k {
+        let k = &mut self.tape.k;
+        if k.acts() {
             let occupied = chunk.neighbours.occupied.len();
-            neighbour_features(chunk, step, &mut self.features[..occupied * LINE]);
-            let features = Rows { data: &self.features, stride: LINE };
-            let latents = RowsMut { data: &mut self.latents, stride: width };
-            mlp::forward(&net.enc_nei, &mut self.encoders[0], occupied, features, latents);
+            neighbour_features(chunk, step, &mut features[..occupied * LINE]);
+            let seen = Rows { data: features, stride: LINE };
+            mlp::forward(&net.enc_nei, &mut encoders[0], occupied, seen, RowsMut { data: latents, stride: width });
             let pairs = chunk.neighbours.distinct(alike(k));
             let entries = pairs.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
             for (&(row, occupied), input) in entries {
-                input[..width].copy_from_slice(&self.latent[row * width..][..width]);
-                input[width..].copy_from_slice(&self.latents[occupied * width..][..width]);
+                input[..width].copy_from_slice(&latent[row * width..][..width]);
+                input[width..].copy_from_slice(&latents[occupied * width..][..width]);
             }
-            k.forward(&net.k, run, pairs.len(), &mut self.heads[1]);
+            k.forward(&net.k, run, pairs.len(), &mut heads[1]);
             if alike(k) {
                 k.spread(run, chunk.neighbours.pairs.iter().map(|(_, occupied)| *occupied));
             }
         }
-        if let Some(k) = &mut self.tape.k_line {
-            let pairs = chunk.lines.distinct(alike(k));
-            line_features(chunk, pairs, self.tape.motion.at(step), &mut self.features[..pairs.len() * LINE]);
-            let features = Rows { data: &self.features, stride: LINE };
-            let latents = RowsMut { data: &mut self.latents, stride: width };
-            mlp::forward(&net.enc_line, &mut self.encoders[1], pairs.len(), features, latents);
+        let k = &mut self.tape.k_line;
+        if k.acts() {
+            let all = chunk.lines.distinct(alike(k));
+            // Nobody needs the strength of a line that does not push.
+            let some = !k.keep && !alike(k) && self.detail != Detail::Parameters;
+            if some {
+                near_lines(chunk, self.tape.motion.at(step), near);
+            }
+            let pairs = if some { near } else { all };
+            line_features(chunk, pairs, self.tape.motion.at(step), &mut features[..pairs.len() * LINE]);
+            let seen = Rows { data: features, stride: LINE };
+            mlp::forward(&net.enc_line, &mut encoders[1], pairs.len(), seen, RowsMut { data: latents, stride: width });
             let entries = pairs.iter().zip(k.input.at_mut(run).chunks_exact_mut(2 * width));
-            for ((&(row, _), input), line) in entries.zip(self.latents.chunks_exact(width)) {
-                input[..width].copy_from_slice(&self.latent[row * width..][..width]);
+            for ((&(row, _), input), line) in entries.zip(latents.chunks_exact(width)) {
+                input[..width].copy_from_slice(&latent[row * width..][..width]);
                 input[width..].copy_from_slice(line);
             }
-            k.forward(&net.k_line, run, pairs.len(), &mut self.heads[2]);
+            k.forward(&net.k_line, run, pairs.len(), &mut heads[2]);
             if alike(k) {
                 k.spread(run, chunk.lines.pairs.iter().map(|(_, occupied)| *occupied));
+            } else if some {
+                k.scatter(run, pairs, all);
             }
         }
     }
@@ -380,12 +456,13 @@ impl<'a, 'b> Drive<'a, 'b> {
     /// Sets the forces on every row in `step`, recorded where that is asked for.
     fn act(&mut self, step: usize, run: usize) {
         let (chunk, batch) = (self.chunk, self.chunk.batch);
-        self.forces.fill(Vector2::zeros());
+        let Work { forces, sources, .. } = &mut *self.work;
+        forces.fill(Vector2::zeros());
         let mut adding = Adding {
             chunk,
             motion: self.tape.motion.at(step),
-            forces: &mut self.forces,
-            sources: &mut self.sources,
+            forces,
+            sources,
             record: self.outcome.record.as_mut(),
             step,
             done: 0,
@@ -410,7 +487,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         self.act(step, run);
         self.tape.motion.carry(step);
         for ((row, force), state) in
-            self.forces.iter().enumerate().zip(self.tape.motion.at_mut(step + 1).as_chunks_mut().0)
+            self.work.forces.iter().enumerate().zip(self.tape.motion.at_mut(step + 1).as_chunks_mut().0)
         {
             let [x, y, vx, vy] = state;
             let faster = [*vx + force.x * dt, *vy + force.y * dt];

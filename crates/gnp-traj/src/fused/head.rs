@@ -7,8 +7,8 @@ use super::layout::{Gradient, Packed};
 use super::mlp::{self, BLOCK, Workspace};
 use super::trace::Trace;
 
-/// What a head leaves behind each time it runs.
-#[derive(Debug)]
+/// What a head leaves behind each time it runs; without rows it does not act.
+#[derive(Debug, Default)]
 pub(crate) struct HeadTape {
     rows: usize,
     pub(crate) keep: bool,
@@ -22,18 +22,26 @@ pub(crate) struct HeadTape {
 }
 
 impl HeadTape {
-    /// Room for `runs` runs, all of them to be kept or not.
-    pub(crate) fn new(pool: &Pool, layers: &[Packed], rows: usize, runs: usize, keep: bool) -> Self {
-        let kept = if keep { runs } else { 1 };
-        let room = if keep { rows } else { rows.min(BLOCK) };
-        let inner = layers.iter().take(layers.len().saturating_sub(1)).skip(1);
-        Self {
-            rows,
-            keep,
-            input: Trace::new(pool, kept, rows * layers.first().map_or(0, |layer| layer.inputs)),
-            hidden: inner.map(|layer| Trace::new(pool, kept, room * layer.outputs())).collect(),
-            value: Trace::new(pool, runs, rows),
+    /// Room for `runs` runs on `rows` rows, all of them to be kept or not. What is not kept has room for `most` rows, so
+    /// that batches of other neighbours find it large enough.
+    pub(crate) fn reset(&mut self, pool: &Pool, layers: &[Packed], [rows, most]: [usize; 2], runs: usize, keep: bool) {
+        (self.rows, self.keep) = (rows, keep);
+        let (kept, rows) = if keep { (runs, rows) } else { (1, most) };
+        if rows == 0 {
+            return;
         }
+        let room = if keep { rows } else { rows.min(BLOCK) };
+        let inner = layers.get(1..layers.len().saturating_sub(1)).unwrap_or_default();
+        self.input.reset(pool, kept, rows * layers.first().map_or(0, |layer| layer.inputs));
+        self.hidden.resize_with(inner.len(), Trace::default);
+        for (hidden, layer) in self.hidden.iter_mut().zip(inner) {
+            hidden.reset(pool, kept, room * layer.outputs());
+        }
+        self.value.reset(pool, runs, rows);
+    }
+
+    pub(crate) fn acts(&self) -> bool {
+        self.rows > 0
     }
 
     /// Runs the head on the first `count` rows of the input of `run`.
@@ -78,9 +86,22 @@ impl HeadTape {
         }
     }
 
-    /// The sigmoids `[rows]` of a run.
+    /// After a run on the rows of `some` alone, which are some of `all` in their order: moves the value of each to its place
+    /// among all, and gives the others 0.
+    pub(crate) fn scatter<T: PartialEq>(&mut self, run: usize, some: &[T], all: &[T]) {
+        let values = self.value.at_mut(run);
+        let mut left = some.len();
+        // The last ones first, as in `spread`.
+        for (row, pair) in all.iter().enumerate().rev() {
+            let there = left > 0 && some[left - 1] == *pair;
+            left -= usize::from(there);
+            values[row] = if there { values[left] } else { 0. };
+        }
+    }
+
+    /// The sigmoids of a run, those of its rows first; none where it does not act.
     pub(crate) fn value(&self, run: usize) -> &[f32] {
-        self.value.at(run)
+        if self.acts() { self.value.at(run) } else { &[] }
     }
 
     fn kept(&self, layers: &[Packed], run: usize, count: usize) -> Vec<Rows<'_>> {
@@ -102,16 +123,16 @@ fn layer(rows: usize, x: Rows<'_>, layer: &Packed, relu: bool, y: &mut [f32]) {
 }
 
 /// One block of rows after the first and after the last layer.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct HeadWork {
     first: Aligned,
     result: Aligned,
 }
 
 impl HeadWork {
-    pub(crate) fn new(layers: &[Packed]) -> Self {
-        let width = layers.first().map_or(0, Packed::outputs);
-        Self { first: Aligned::zeros(BLOCK * width), result: Aligned::zeros(BLOCK * LINE) }
+    pub(crate) fn reset(&mut self, layers: &[Packed]) {
+        self.first.resize(BLOCK * layers.first().map_or(0, Packed::outputs));
+        self.result.resize(BLOCK * LINE);
     }
 }
 

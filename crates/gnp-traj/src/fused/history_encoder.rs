@@ -6,8 +6,8 @@ use super::cuts::Cuts;
 use super::layout::{Gradient, HistoryEncoder, Packed};
 use super::trace::Trace;
 
-/// What an LSTM leaves behind on its way through some steps.
-#[derive(Debug)]
+/// What an LSTM leaves behind on its way through some steps; without rows it does not act.
+#[derive(Debug, Default)]
 pub(crate) struct HistoryTape {
     rows: usize,
     /// Width of the embedding, and of the memory.
@@ -21,27 +21,31 @@ pub(crate) struct HistoryTape {
 }
 
 impl HistoryTape {
-    /// Room for `steps` steps, all of them to be kept or not; it starts without any memory.
-    pub(crate) fn new(
+    /// Room for `steps` steps, all of them to be kept or not; it starts without any memory of what it saw.
+    pub(crate) fn reset(
+        &mut self,
         pool: &Pool,
         history_encoder: &HistoryEncoder<Packed>,
         rows: usize,
         steps: usize,
         keep: bool,
-    ) -> Self {
+    ) {
         let (embedding, hidden) =
             (history_encoder.emb.outputs(), history_encoder.cell.inputs - history_encoder.emb.outputs());
         let kept = |steps: usize| if keep { steps } else { steps.min(2) };
-        let mut tape = Self {
-            rows,
-            widths: (embedding, hidden),
-            input: Trace::new(pool, kept(steps + 1), rows * (embedding + hidden)),
-            gates: Trace::new(pool, if keep { steps.max(1) } else { 1 }, rows * 4 * hidden),
-            cell: Trace::new(pool, kept(steps + 1), rows * hidden),
-        };
-        tape.input.at_mut(0).fill(0.);
-        tape.cell.at_mut(0).fill(0.);
-        tape
+        (self.rows, self.widths) = (rows, (embedding, hidden));
+        if rows == 0 {
+            return;
+        }
+        self.input.reset(pool, kept(steps + 1), rows * (embedding + hidden));
+        self.gates.reset(pool, if keep { steps.max(1) } else { 1 }, rows * 4 * hidden);
+        self.cell.reset(pool, kept(steps + 1), rows * hidden);
+        self.input.at_mut(0).fill(0.);
+        self.cell.at_mut(0).fill(0.);
+    }
+
+    pub(crate) fn acts(&self) -> bool {
+        self.rows > 0
     }
 
     /// Takes in the scaled states `[rows, 4]` of step `step`.

@@ -10,7 +10,7 @@ pub(crate) const BLOCK: usize = 96;
 
 /// What the layers hold for up to `capacity` rows: values after each hidden layer and gradients of what
 /// each layer gives.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Workspace {
     capacity: usize,
     values: Vec<Aligned>,
@@ -20,8 +20,18 @@ pub(crate) struct Workspace {
 impl Workspace {
     /// For values alone.
     pub(crate) fn forward(layers: &[Packed], capacity: usize) -> Self {
-        let values = layers.iter().map(|layer| Aligned::zeros(capacity * layer.outputs())).collect();
-        Self { capacity, values, deltas: Vec::new() }
+        let mut work = Self::default();
+        work.reset(layers, capacity);
+        work
+    }
+
+    /// [`Workspace::forward`] in the memory of this one, where that suffices.
+    pub(crate) fn reset(&mut self, layers: &[Packed], capacity: usize) {
+        self.capacity = capacity;
+        self.values.resize_with(layers.len(), Aligned::default);
+        for (values, layer) in self.values.iter_mut().zip(layers) {
+            values.resize(capacity * layer.outputs());
+        }
     }
 
     /// For values and gradients.

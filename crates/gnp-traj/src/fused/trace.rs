@@ -3,7 +3,7 @@
 use gnp_nn::kernels::{Aligned, Pool};
 
 /// One buffer `[len]` for each of several steps: for all of them, or for the last few in turn.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Trace {
     data: Aligned,
     len: usize,
@@ -11,9 +11,14 @@ pub(crate) struct Trace {
 }
 
 impl Trace {
-    /// Room for the values of `kept` steps; step `i` takes the place of step `i - kept`.
-    pub(crate) fn new(pool: &Pool, kept: usize, len: usize) -> Self {
-        Self { data: pool.take(kept * len), len, kept }
+    /// Room for the values of `kept` steps, in its memory where that suffices; step `i` takes the place of step `i - kept`.
+    pub(crate) fn reset(&mut self, pool: &Pool, kept: usize, len: usize) {
+        (self.len, self.kept) = (len, kept);
+        if self.data.holds(kept * len) {
+            self.data.resize(kept * len);
+        } else {
+            self.data = pool.take(kept * len);
+        }
     }
 
     pub(crate) fn at(&self, step: usize) -> &[f32] {

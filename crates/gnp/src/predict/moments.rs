@@ -222,6 +222,12 @@ impl Asked {
         &self.frames
     }
 
+    /// How many vehicles are there at these moments, all together.
+    #[must_use]
+    pub fn vehicles(&self, recording: &Recording) -> usize {
+        self.frames.iter().map(|frame| recording.present(*frame).len()).sum()
+    }
+
     /// Moments that have no forecast, by reason.
     #[must_use]
     pub fn left_out(&self) -> &BTreeMap<Unpredicted, u64> {

@@ -1,0 +1,62 @@
+"""A folder of recordings on a local Ray cluster that loses a worker."""
+
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+
+import gnp
+import pytest
+
+pytest.importorskip("ray")
+pyarrow = pytest.importorskip("pyarrow")
+
+from pyarrow import csv, parquet  # noqa: E402
+
+SCRIPT = pathlib.Path(__file__).parent.parent / "examples/ray_predict.py"
+
+
+def tracks(seed):
+    """Ten vehicles on two lanes at 10 Hz, 40 s of them."""
+    columns = {"id": [], "time": [], "x": [], "y": []}
+    for frame in range(400):
+        for vehicle in range(10):
+            speed = 20 + (seed + vehicle) % 7
+            row = (vehicle + 1, frame / 10, 60.0 * vehicle + speed * frame / 10, 1.8 + 3.6 * (vehicle % 2))
+            for column, value in zip(columns.values(), row):
+                column.append(value)
+    return pyarrow.table(columns)
+
+
+def test_a_killed_worker_loses_and_doubles_nothing(tmp_path):
+    source, output = tmp_path / "tracks", tmp_path / "forecasts"
+    source.mkdir()
+    for seed in range(8):
+        parquet.write_table(tracks(seed), source / f"part-{seed}.parquet")
+    csv.write_csv(tracks(8), source / "part-8.csv")
+    command = [sys.executable, SCRIPT, "--input", source, "--output", output, "--every", "2"]
+    killed, reports = None, []
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as driver:
+        for line in driver.stdout:
+            if found := re.search(r"\d+ of 9: (\S+), \d+ rows, by process (\d+)", line):
+                reports.append(found.groups())
+                if killed is None:
+                    killed = int(found[2])
+                    os.kill(killed, signal.SIGKILL)
+    assert driver.returncode == 0
+    names = [f"part-{seed}" for seed in range(9)]
+    assert sorted(name for name, _ in reports) == names
+    # The other worker, and one in the place of the killed one.
+    assert len({process for _, process in reports}) == 3
+    assert sorted(path.name for path in output.iterdir()) == [f"{name}.parquet" for name in names]
+    model = gnp.load()
+    for seed, name in enumerate(names):
+        alone = model.predict(tracks(seed), at="every", every=2, k=6, out="pyarrow")
+        assert alone.num_rows > 0
+        assert parquet.read_table(output / f"{name}.parquet") == alone
+    before = {path: path.stat().st_mtime_ns for path in output.iterdir()}
+    said = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    assert "0 of 9 recordings to do" in said
+    assert before == {path: path.stat().st_mtime_ns for path in output.iterdir()}
