@@ -7,8 +7,8 @@ use std::path::Path;
 
 use gnp_eval::{Protocol, load_scores};
 use gnp_model::{
-    CardScore, CardScores, CardWindows, Gnp, ModelCard, ModelError, ModelFolder, NeighbourInput, PredictSettings, TrainingData,
-    TrainingRecord,
+    CardScore, CardScores, CardWindows, Gnp, ModelCard, ModelError, ModelFolder, NeighbourInput, PredictSettings,
+    TrainingData, TrainingRecord,
 };
 
 pub use self::export::{ExportRequest, export};
