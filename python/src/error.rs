@@ -53,8 +53,6 @@ impl From<DataError> for Failure {
     }
 }
 
-
-
 impl From<EvalError> for Failure {
     fn from(error: EvalError) -> Self {
         Self::Evaluation(error)
