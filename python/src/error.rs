@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-use gnp_data::{DataError, PredictError, WindowError};
+use gnp_data::DataError;
 use gnp_eval::EvalError;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt};
@@ -53,18 +53,6 @@ impl From<DataError> for Failure {
     }
 }
 
-impl From<WindowError> for Failure {
-    fn from(error: WindowError) -> Self {
-        Self::Model(Box::new(error))
-    }
-}
-
-impl From<PredictError> for Failure {
-    fn from(error: PredictError) -> Self {
-        Self::Model(Box::new(error))
-    }
-}
-
 impl From<EvalError> for Failure {
     fn from(error: EvalError) -> Self {
         Self::Evaluation(error)
@@ -99,7 +87,7 @@ impl Failure {
                 }
                 let message = error.chain();
                 match inner {
-                    gnp::Error::Data(_) => TracksError::new_err(message),
+                    gnp::Error::Data(_) | gnp::Error::Recordings(_) => TracksError::new_err(message),
                     gnp::Error::Model(_) | gnp::Error::Predict(_) | gnp::Error::File(_) | gnp::Error::Folder(_) => {
                         ModelError::new_err(message)
                     }

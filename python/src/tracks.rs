@@ -35,7 +35,7 @@ struct Table(Vec<Column>);
 pub(crate) fn read(source: &Bound<'_, PyAny>) -> PyResult<TrackTable> {
     let py = source.py();
     let mut table = Table::of(source)?;
-    let mut tracks = TrackTable::new(Dataset::TRACKS, "tracks", "tracks");
+    let mut tracks = TrackTable::new(Dataset::TRACKS, "input", "input");
     let id = table.take("id").ok_or_else(|| table.missing("id"))?;
     set_vehicles(py, &mut tracks, &id)?;
     for (name, values) in [("time", &mut tracks.time_s), ("x", &mut tracks.x), ("y", &mut tracks.y)] {
@@ -57,6 +57,7 @@ pub(crate) fn read(source: &Bound<'_, PyAny>) -> PyResult<TrackTable> {
     let class = match table.take("class") {
         None => None,
         Some(Column { values: Values::Texts(words), .. }) => Some(words),
+        Some(Column { values, .. }) if values.len() == 0 => None,
         Some(Column { name, .. }) => {
             let message = format!("column `{name}` has numbers: give words such as car, truck, motorcycle");
             return Err(tracks_error(py, message, None, Some(&name)));

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.resources
+import pathlib
 import subprocess
 import sys
 
@@ -35,7 +36,7 @@ def test_an_explanation_adds_up_to_the_prediction(tracks, model):
     assert told.vehicle == "7" and told.time_s == 104.0 and told.past == "full"
     assert "vehicle 7" in str(told)
     ends = told.causes.filter(step=50)
-    path = pl.DataFrame(model.predict(tracks, k=1)).filter(vehicle=7, step=50)
+    path = pl.DataFrame(model.predict(tracks)).filter(vehicle=7, mode=0, step=50)
     # At 25 m/s it would get 125 m.
     assert 100.0 + 125.0 + ends["dx"].sum() == pytest.approx(path["x"][0], abs=0.01)
     assert set(told.causes["kind"]) <= {"physics", "network"}
@@ -44,8 +45,9 @@ def test_an_explanation_adds_up_to_the_prediction(tracks, model):
 def test_an_explanation_needs_a_vehicle_that_is_there(tracks, model):
     with pytest.raises(gnp.TracksError, match="no vehicle 70"):
         model.explain(tracks, 70)
-    with pytest.raises(gnp.TracksError, match="not there at 3"):
-        model.explain(tracks, 7, at=3.0)
+    for time in (3.0, 105.0):
+        with pytest.raises(gnp.TracksError, match=f"at {time:.0f} s: it is there from 100.00 s to 104.00 s"):
+            model.explain(tracks, 7, at=time)
 
 
 def test_the_program_comes_with_the_package():
@@ -83,10 +85,11 @@ def test_the_stubs_name_what_there_is():
         assert {member for member in named[name] if not member.startswith("__")} == members, name
 
 
-def test_types_are_right():
+def test_types_are_right(monkeypatch):
     pytest.importorskip("mypy")
     import mypy.api
 
+    monkeypatch.setenv("MYPYPATH", str(pathlib.Path(gnp.__file__).parent.parent))
     out, err, status = mypy.api.run(["--strict", "--package", "gnp", "--cache-dir", "/dev/null"])
     assert status == 0, out + err
 

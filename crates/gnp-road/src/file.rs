@@ -1,4 +1,4 @@
-//! Files of roads: polylines as CSV and GeoJSON.
+//! Files of roads: polylines as CSV and GeoJSON, and OpenDRIVE.
 
 use std::path::{Path, PathBuf};
 
@@ -6,6 +6,7 @@ use crate::error::LineError;
 use crate::geojson;
 use crate::lane_lines::{LaneLinesError, check_lane_lines, parse_lane_lines};
 use crate::line::ReferenceLine;
+use crate::opendrive;
 use crate::plane::Vector;
 
 /// Largest file, bytes: a million points have a hundredth of it.
@@ -97,24 +98,28 @@ impl RoadFile {
     ///   `# lane lines: -3.7, 0, 3.7`.
     /// - GeoJSON: one `LineString`, alone, as a feature or in a collection, in projected coordinates; a property
     ///   `lane_lines` of the feature, `[-3.7, 0, 3.7]`.
+    /// - OpenDRIVE: the reference line of the only road, of `FILE#ID`, or of several one after the other, `FILE#ID,ID`; with
+    ///   lane lines where lanes have the same widths all along.
     ///
     /// # Errors
     /// [`RoadFileError`]: the file cannot be read, is no such file, has degrees instead of m, or its points make no line.
     pub fn read(file: &Path) -> Result<Self, RoadFileError> {
+        let (file, ids) = named(file);
+        let file = file.as_path();
         let io = |source| RoadFileError::Io { file: file.into(), source };
         let wrong = |Wrong { line, reason }| RoadFileError::Content { file: file.into(), line, reason };
         // Of what is no plain file the size is not known, and reading it may not end.
         let size = std::fs::metadata(file).map_err(io)?;
         if !size.is_file() {
-            return Err(wrong(Wrong::new("is no file; give a polyline as CSV or GeoJSON")));
+            return Err(wrong(Wrong::new("is no file; give a road as CSV, GeoJSON or OpenDRIVE")));
         }
         if size.len() > MAX_BYTES {
             return Err(wrong(Wrong::new("is larger than 1 GB; a road's line has a few hundred points")));
         }
         let text = std::fs::read(file).map_err(io)?;
-        let text =
-            String::from_utf8(text).map_err(|_| wrong(Wrong::new("is no text; give a polyline as CSV or GeoJSON")))?;
-        let content = content(&text).map_err(wrong)?;
+        let text = String::from_utf8(text)
+            .map_err(|_| wrong(Wrong::new("is no text; give a road as CSV, GeoJSON or OpenDRIVE")))?;
+        let content = content(&text, ids.as_deref()).map_err(wrong)?;
         let line = ReferenceLine::from_points(&content.points).map_err(|source| {
             let at = source.point().and_then(|point| content.text_lines.get(point - 1));
             RoadFileError::Line { file: file.into(), line: at.copied(), source }
@@ -126,17 +131,22 @@ impl RoadFile {
     }
 }
 
+/// The file, and what stands behind a `#` where there is no file of the whole name.
+fn named(file: &Path) -> (PathBuf, Option<String>) {
+    let name = file.file_name().and_then(|name| name.to_str());
+    match name.and_then(|name| name.rsplit_once('#')).filter(|_| !file.exists()) {
+        Some((name, ids)) => (file.with_file_name(name), Some(ids.to_owned())),
+        None => (file.to_owned(), None),
+    }
+}
+
 /// What a text says of a road.
-fn content(text: &str) -> Result<Content, Wrong> {
+fn content(text: &str, ids: Option<&str>) -> Result<Content, Wrong> {
     let text = text.trim_start_matches('\u{feff}');
     let content = match text.trim_start().chars().next() {
-        None => return Err(Wrong::new("is empty; give a polyline as CSV or GeoJSON")),
+        None => return Err(Wrong::new("is empty; give a road as CSV, GeoJSON or OpenDRIVE")),
         Some('{') => geojson::content(text)?,
-        Some('<') => {
-            return Err(Wrong::new(
-                "is XML; give the reference line as a polyline, CSV or GeoJSON (of OpenDRIVE: docs/roads.md)",
-            ));
-        }
+        Some('<') => opendrive::content(text, ids)?,
         Some(_) => csv(text)?,
     };
     match degrees(&content.points) {

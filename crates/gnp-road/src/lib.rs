@@ -25,6 +25,7 @@ mod file;
 mod geojson;
 mod lane_lines;
 mod line;
+mod opendrive;
 mod piece;
 mod plane;
 mod points;

@@ -53,6 +53,8 @@ struct Curve {
     pieces: Vec<Piece>,
     boxes: Boxes,
     length: f64,
+    /// First and last place.
+    ends: [Place; 2],
 }
 
 /// The pieces are many and follow from the points.
@@ -131,7 +133,9 @@ impl ReferenceLine {
         points::check_bends(&points, &pieces)?;
         let boxes = Boxes::new(&pieces);
         let length = pieces.last().map_or(0., |last| last.from + last.length);
-        let curve = Curve { points, pieces, boxes, length };
+        let first = pieces[0].at(0.);
+        let ends = [first, pieces.last().map_or(first, |last| last.at(last.span))];
+        let curve = Curve { points, pieces, boxes, length, ends };
         curve.check_apart()?;
         Ok(Self { shape: Shape::Curve(Arc::new(curve)), reversed: false, mirrored: false })
     }
@@ -271,14 +275,8 @@ fn straight_on(from: Vector, direction: Vector, along: f64) -> Place {
 }
 
 impl Curve {
-    fn ends(&self) -> [Place; 2] {
-        let first = self.pieces[0].at(0.);
-        let last = self.pieces.last().map_or(first, |last| last.at(last.span));
-        [first, last]
-    }
-
     fn at(&self, along: f64) -> Place {
-        let [first, last] = self.ends();
+        let [first, last] = self.ends;
         if along < 0. {
             return straight_on(first.position, first.direction, along);
         }
@@ -292,7 +290,7 @@ impl Curve {
 
     /// The nearest place and how far along it is; negative before the beginning.
     fn nearest(&self, position: Vector) -> Result<(f64, Place), OffLine> {
-        let [first, last] = self.ends();
+        let [first, last] = self.ends;
         let mut within = REACH * REACH;
         let mut found = None;
         let mut beyond = false;

@@ -15,6 +15,9 @@ const GAUSS: [(f64, f64); 5] = [
 /// Steps of a search for a root, at most; each but the first few doubles the digits.
 const STEPS: usize = 30;
 
+/// A step as small as this, in spans, leaves an error of its square.
+const LAST_STEP: f64 = 1e-9;
+
 /// A place on the curve.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
@@ -76,7 +79,7 @@ impl Piece {
         for _ in 0..STEPS {
             let step = (along - self.length_to(u)) / length(self.velocity(u));
             u = (u + step).clamp(0., self.span);
-            if step.abs() <= 1e-12 * self.span {
+            if step.abs() <= LAST_STEP * self.span {
                 break;
             }
         }
@@ -111,7 +114,7 @@ impl Piece {
             let next = if newton > low && newton < high { newton } else { (low + high) / 2. };
             let step = (next - u).abs();
             u = next;
-            if step <= 1e-12 * self.span {
+            if step <= LAST_STEP * self.span {
                 break;
             }
         }

@@ -36,7 +36,7 @@ use rayon::prelude::*;
 
 use self::backward::InputGradient;
 use self::batch::{Batch, Chunk};
-use self::forward::{Outcome, Record, Tape};
+use self::forward::{Detail, Outcome, Record, Tape};
 use self::layout::{Gradient, Net, Packed};
 use crate::network::SocialForce;
 use crate::roll_out::Sizes;
@@ -88,9 +88,9 @@ impl Fused {
     }
 
     /// All chunks without a gradient.
-    fn roll_out(&self, batch: &Batch, net: &Net<Packed>, explain: bool) -> Vec<Outcome> {
+    fn roll_out(&self, batch: &Batch, net: &Net<Packed>, detail: Detail) -> Vec<Outcome> {
         let roll_out = |chunk: &Chunk<'_>| {
-            let (outcome, tape) = forward::roll_out(chunk, net, &self.pool, false, explain);
+            let (outcome, tape) = forward::roll_out(chunk, net, &self.pool, false, detail);
             tape.recycle(&self.pool, self.tape_values);
             outcome
         };
@@ -122,7 +122,8 @@ impl Fused {
         let inputs = goals.track_op() || observed.track_op();
         if let Some(net) = self.packed.as_ref().filter(|_| !inputs) {
             let batch = Batch::new(network, batch, sizes, phase)?;
-            let paths: Vec<_> = self.roll_out(&batch, net, false).into_iter().map(|outcome| outcome.path).collect();
+            let paths: Vec<_> =
+                self.roll_out(&batch, net, Detail::Path).into_iter().map(|outcome| outcome.path).collect();
             return Tensor::from_vec(paths.concat(), (sizes.batch, sizes.goals, batch.steps, 2), &Device::Cpu);
         }
         let part = |(i, weight): (usize, &Tensor)| {
@@ -151,7 +152,7 @@ impl Fused {
             Some(net) => Arc::clone(net),
             None => Arc::new(self.pack(weights)?),
         };
-        explained(self.roll_out(&batch, &net, true), &batch)
+        explained(self.roll_out(&batch, &net, Detail::Parameters), &batch)
     }
 }
 
@@ -217,7 +218,7 @@ impl Operation {
         dpath: &[f32],
     ) -> (Net<Gradient>, Option<InputGradient>) {
         let (pool, width) = (&self.fused.pool, self.batch.sizes.goals * self.batch.steps * 2);
-        let mut tape = tape.unwrap_or_else(|| forward::roll_out(chunk, net, pool, true, false).1);
+        let mut tape = tape.unwrap_or_else(|| forward::roll_out(chunk, net, pool, true, Detail::Path).1);
         let mut gradient = self.fused.layout.maps.map(|dense| Gradient::zeros(dense, chunk.groups()));
         let dpath = &dpath[chunk.windows.start * width..chunk.windows.end * width];
         let inputs = backward::adjoint(chunk, net, &mut tape, dpath, &mut gradient, self.inputs);
@@ -250,7 +251,7 @@ impl CustomOp3 for Operation {
             .par_iter()
             .map(|chunk| {
                 let keep = self.keep && chunk.windows.end <= room;
-                let (outcome, tape) = forward::roll_out(chunk, &net, &self.fused.pool, keep, false);
+                let (outcome, tape) = forward::roll_out(chunk, &net, &self.fused.pool, keep, Detail::Path);
                 if keep {
                     return (outcome.path, Some(tape));
                 }

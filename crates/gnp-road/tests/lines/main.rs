@@ -5,4 +5,5 @@
 mod bad_lines;
 mod files;
 mod mapping;
+mod open_drive;
 mod roads;

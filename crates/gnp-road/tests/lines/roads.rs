@@ -38,6 +38,28 @@ impl Road {
         ])
     }
 
+    /// The elements as the plan view of an OpenDRIVE file, road `id`, with `lanes`.
+    pub(crate) fn open_drive(&self, id: &str, lanes: &str) -> String {
+        let mut starts = vec![0.];
+        for element in &self.elements {
+            starts.push(starts[starts.len() - 1] + element[0]);
+        }
+        let poses = self.poses(&starts);
+        let geometry = |((s, ([x, y], heading)), [length, first, last]): ((&f64, &Pose), &[f64; 3])| {
+            let shape = match (first == last, *first) {
+                (true, 0.) => "<line/>".to_owned(),
+                (true, curvature) => format!("<arc curvature=\"{curvature}\"/>"),
+                _ => format!("<spiral curvStart=\"{first}\" curvEnd=\"{last}\"/>"),
+            };
+            format!(
+                "<geometry s=\"{s}\" x=\"{x}\" y=\"{y}\" hdg=\"{heading}\" length=\"{length}\">{shape}</geometry>\n"
+            )
+        };
+        let view: String = starts.iter().zip(&poses).zip(&self.elements).map(geometry).collect();
+        let length = self.length();
+        format!("<road id=\"{id}\" junction=\"-1\" length=\"{length}\"><planView>{view}</planView>{lanes}</road>\n")
+    }
+
     pub(crate) fn length(&self) -> f64 {
         self.elements.iter().map(|element| element[0]).sum()
     }

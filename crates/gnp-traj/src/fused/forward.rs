@@ -1,7 +1,7 @@
 //! One chunk carried through all steps.
 
 use gnp_force::na::Vector2;
-use gnp_force::{Arity, ForceTerm, GoalAttraction, LineRepulsion, Source, State, VehicleRepulsion};
+use gnp_force::{Arity, CENTRE_CUTOFF, ForceTerm, GoalAttraction, LineRepulsion, Source, State, VehicleRepulsion};
 use gnp_nn::kernels::{Aligned, LINE, Pool, Rows, RowsMut};
 
 use super::batch::{Batch, Chunk};
@@ -30,6 +30,16 @@ pub(crate) struct Tape {
     pub(crate) k_line: HeadTape,
 }
 
+/// What a roll-out tells beside its path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Detail {
+    Path,
+    /// The forces of every step.
+    Forces,
+    /// Also their parameters, at every distance.
+    Parameters,
+}
+
 /// What comes out of a chunk, rows first.
 #[derive(Debug, Default)]
 pub(crate) struct Outcome {
@@ -47,7 +57,8 @@ pub(crate) struct Record {
     pub(crate) terms: Vec<TermRecord>,
 }
 
-/// A term: forces `[rows, steps, sources, 2]` and each parameter that varies `[rows, steps, sources]`.
+/// A term: forces `[rows, steps, sources, 2]` and, where they are told, each parameter that varies
+/// `[rows, steps, sources]`.
 #[derive(Debug, Default)]
 pub(crate) struct TermRecord {
     pub(crate) sources: usize,
@@ -57,25 +68,25 @@ pub(crate) struct TermRecord {
 
 impl Outcome {
     /// Room for a chunk, in its memory where that suffices.
-    fn reset(&mut self, chunk: &Chunk<'_>, explain: bool) {
+    fn reset(&mut self, chunk: &Chunk<'_>, detail: Detail) {
         zero(&mut self.path, chunk.rows() * chunk.batch.steps * 2);
-        if explain {
-            self.record.get_or_insert_default().reset(chunk);
-        } else {
-            self.record = None;
+        match detail {
+            Detail::Path => self.record = None,
+            _ => self.record.get_or_insert_default().reset(chunk, detail),
         }
     }
 }
 
 impl Record {
-    fn reset(&mut self, chunk: &Chunk<'_>) {
+    fn reset(&mut self, chunk: &Chunk<'_>, detail: Detail) {
         let entries = chunk.rows() * chunk.batch.steps;
         zero(&mut self.velocity, entries * 2);
         self.terms.resize_with(chunk.batch.acting().count(), TermRecord::default);
         for (record, (term, sources)) in self.terms.iter_mut().zip(chunk.batch.acting()) {
             record.sources = sources;
             zero(&mut record.forces, entries * sources * 2);
-            record.parameters.resize_with(term.varying().count(), Vec::new);
+            let parameters = if detail == Detail::Parameters { term.varying().count() } else { 0 };
+            record.parameters.resize_with(parameters, Vec::new);
             record.parameters.iter_mut().for_each(|values| zero(values, entries * sources));
         }
     }
@@ -177,10 +188,10 @@ pub(crate) fn roll_out(
     net: &Net<Packed>,
     pool: &Pool,
     keep: bool,
-    explain: bool,
+    detail: Detail,
 ) -> (Outcome, Tape) {
     let (mut outcome, mut tape) = (Outcome::default(), Tape::default());
-    roll_out_into(chunk, net, pool, (keep, explain), &mut tape, &mut Work::default(), &mut outcome);
+    roll_out_into(chunk, net, pool, (keep, detail), &mut tape, &mut Work::default(), &mut outcome);
     (outcome, tape)
 }
 
@@ -189,16 +200,16 @@ pub(crate) fn roll_out_into(
     chunk: &Chunk<'_>,
     net: &Net<Packed>,
     pool: &Pool,
-    (keep, explain): (bool, bool),
+    (keep, detail): (bool, Detail),
     tape: &mut Tape,
     work: &mut Work,
     outcome: &mut Outcome,
 ) {
     tape.reset(chunk, net, pool, keep);
-    outcome.reset(chunk, explain);
+    outcome.reset(chunk, detail);
     observe(chunk, net, tape);
     work.reset(chunk, net, &tape.goals);
-    Drive { chunk, net, tape, work, outcome }.run();
+    Drive { chunk, net, tape, work, outcome, detail }.run();
 }
 
 /// Takes in the observed frames and sets the start of the roll-out.
@@ -251,6 +262,20 @@ pub(crate) fn line_features(chunk: &Chunk<'_>, pairs: &[(usize, usize)], motion:
     }
 }
 
+/// How far a vehicle may come sideways between two frames of which the networks see the first, m.
+const SIDEWAYS: f32 = 1.;
+
+/// The pairs of a row and a line that may push until the networks run again: all but those with a line between lanes
+/// beyond its cut-off.
+fn near_lines(chunk: &Chunk<'_>, motion: &[f32], near: &mut Vec<(usize, usize)>) {
+    let reach = CENTRE_CUTOFF as f32 + 1e-3 + SIDEWAYS * (chunk.batch.period - 1) as f32;
+    near.clear();
+    near.extend(chunk.lines.pairs.iter().copied().filter(|&(row, occupied)| {
+        let [y, kind, _] = chunk.line(occupied);
+        kind > 0.5 || (motion[4 * row + 1] - y).abs() < reach
+    }));
+}
+
 /// The state of a row.
 pub(crate) fn state_of(motion: &[f32], row: usize) -> State<f32> {
     let at = 4 * row;
@@ -294,6 +319,7 @@ struct Drive<'a, 'b> {
     tape: &'a mut Tape,
     work: &'a mut Work,
     outcome: &'a mut Outcome,
+    detail: Detail,
 }
 
 /// Room to work in while a chunk is driven.
@@ -302,6 +328,8 @@ pub(crate) struct Work {
     /// On every row in a step.
     forces: Vec<Vector2<f32>>,
     sources: Vec<Source<f32>>,
+    /// Pairs of a row and a line near enough to push.
+    near: Vec<(usize, usize)>,
     heads: [HeadWork; 3],
     /// Of neighbours, lines and goals.
     encoders: [Workspace; 3],
@@ -324,6 +352,8 @@ impl Work {
         self.forces.resize(rows, Vector2::zeros());
         self.sources.clear();
         self.sources.reserve(rows.max(windows * sizes.slots.max(sizes.lines)));
+        self.near.clear();
+        self.near.reserve(rows * sizes.lines);
         for (work, layers) in self.heads.iter_mut().zip([&net.tau, &net.k, &net.k_line]) {
             work.reset(layers);
         }
@@ -352,7 +382,7 @@ impl Drive<'_, '_> {
     /// Sets `tau` and the strengths from the state at `step`.
     fn networks(&mut self, step: usize, run: usize) {
         let (net, chunk) = (self.net, self.chunk);
-        let Work { heads, encoders, features, latents, latent, goal_latent, width, .. } = &mut *self.work;
+        let Work { heads, encoders, features, latents, latent, goal_latent, width, near, .. } = &mut *self.work;
         let width = *width;
         if run > 0 {
             let (motion, scaled) = (self.tape.motion.at(step), self.tape.scaled.at_mut(run - 1));
@@ -399,7 +429,13 @@ impl Drive<'_, '_> {
         }
         let k = &mut self.tape.k_line;
         if k.acts() {
-            let pairs = chunk.lines.distinct(alike(k));
+            let all = chunk.lines.distinct(alike(k));
+            // Nobody needs the strength of a line that does not push.
+            let some = !k.keep && !alike(k) && self.detail != Detail::Parameters;
+            if some {
+                near_lines(chunk, self.tape.motion.at(step), near);
+            }
+            let pairs = if some { near } else { all };
             line_features(chunk, pairs, self.tape.motion.at(step), &mut features[..pairs.len() * LINE]);
             let seen = Rows { data: features, stride: LINE };
             mlp::forward(&net.enc_line, &mut encoders[1], pairs.len(), seen, RowsMut { data: latents, stride: width });
@@ -411,6 +447,8 @@ impl Drive<'_, '_> {
             k.forward(&net.k_line, run, pairs.len(), &mut heads[2]);
             if alike(k) {
                 k.spread(run, chunk.lines.pairs.iter().map(|(_, occupied)| *occupied));
+            } else if some {
+                k.scatter(run, pairs, all);
             }
         }
     }

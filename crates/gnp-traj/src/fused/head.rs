@@ -86,6 +86,19 @@ impl HeadTape {
         }
     }
 
+    /// After a run on the rows of `some` alone, which are some of `all` in their order: moves the value of each to its place
+    /// among all, and gives the others 0.
+    pub(crate) fn scatter<T: PartialEq>(&mut self, run: usize, some: &[T], all: &[T]) {
+        let values = self.value.at_mut(run);
+        let mut left = some.len();
+        // The last ones first, as in `spread`.
+        for (row, pair) in all.iter().enumerate().rev() {
+            let there = left > 0 && some[left - 1] == *pair;
+            left -= usize::from(there);
+            values[row] = if there { values[left] } else { 0. };
+        }
+    }
+
     /// The sigmoids of a run, those of its rows first; none where it does not act.
     pub(crate) fn value(&self, run: usize) -> &[f32] {
         if self.acts() { self.value.at(run) } else { &[] }

@@ -6,7 +6,7 @@ use gnp_force::TermDescriptor;
 use gnp_nn::kernels::Pool;
 
 use super::batch::{ActiveSlots, Batch, Chunk};
-use super::forward::{self, Outcome, Tape, Work};
+use super::forward::{self, Detail, Outcome, Tape, Work};
 use super::layout::{Net, Packed};
 use super::values::RollOutValues;
 use crate::network::Terms;
@@ -78,7 +78,8 @@ impl RollOutWorkspace {
         }
         let chunk = Chunk::in_memory(&batch, 0..sizes.batch, std::mem::take(&mut self.slots));
         let Self { tape, work, outcome, pool, .. } = self;
-        forward::roll_out_into(&chunk, net, pool, (false, explain), tape, work, outcome);
+        let detail = if explain { Detail::Forces } else { Detail::Path };
+        forward::roll_out_into(&chunk, net, pool, (false, detail), tape, work, outcome);
         self.slots = chunk.into_memory();
         self.values = batch.values;
         RolledOut { terms: &network.terms, sizes, outcome: &self.outcome }

@@ -5,6 +5,7 @@ mod force_parity;
 mod fused;
 mod golden;
 mod gradients;
+mod into;
 mod padding;
 mod physics;
 mod scenes;
