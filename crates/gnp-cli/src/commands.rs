@@ -112,6 +112,8 @@ fn describe(args: &IngestArgs, program: &Program) -> Result<()> {
     let run = &args.run;
     let datasets = match (run.dataset, &run.config) {
         (None, None) => FORMATS.iter().map(|format| format.dataset()).collect(),
+        // Of a dataset without a configuration of its own there are files all the same.
+        (Some(dataset), None) => vec![dataset],
         _ => vec![resolve(run, None)?.0.dataset],
     };
     if let (Some(dir), true) = (&run.data_dir, datasets.len() > 1) {

@@ -188,6 +188,11 @@ impl FoundFiles {
                 kept.push(file);
                 continue;
             }
+            // What another format reads is named in the end, with that format.
+            if FORMATS.iter().any(|other| matches!(other.recognise(&file.path), Ok(true))) {
+                kept.push(file);
+                continue;
+            }
             let empty = || foreign::empty(&file.path).filter(|_| !self.single);
             let foreign = foreign::of_file(&file.path).or_else(empty);
             match foreign {
@@ -211,7 +216,7 @@ impl FoundFiles {
         not_read.retain(|it| !read.contains(it.file.as_path()));
         for file in self.files.into_iter().filter(|file| file.asked && !read.contains(file.path.as_path())) {
             // What the format recognises and leaves is named in the notes of a source.
-            if !matches!(format.recognise(&file.path), Ok(false)) {
+            if !matches!(format.recognise(&file.path), Ok(false) | Err(DataError::Foreign { .. })) {
                 continue;
             }
             let of_other = others().find(|other| matches!(other.recognise(&file.path), Ok(true)));

@@ -21,10 +21,10 @@ impl fmt::Display for Foreign {
 
 const UNPACK: &str = "unpack it, and give the tables in it";
 const AS_CSV: &str = "save the table in it as CSV";
-const OTHER_ROADS: &str =
-    "this program reads straight motorways: highD, and US-101 and I-80 of NGSIM; docs/data.md says how data is added";
+const OTHER_ROADS: &str = "highD and NGSIM are read as they are; give tracks of other roads as plain tracks (id, time, x, y), with the line \
+                           of the road where it curves (docs/data.md)";
+const OTHER_LAYOUT: &str = "its layout is not read; give its rows as plain tracks: id, time, x, y (docs/data.md)";
 const SUMO: &str = "choose the dataset sumo";
-const OTHER_LAYOUT: &str = "its layout is not read; give its rows in the columns of NGSIM or highD (docs/data.md)";
 
 /// Files with a mark at a place, the place first.
 const MARKS: [(usize, &[u8], &str, &str); 23] = [
@@ -73,13 +73,12 @@ const MARKUP: [(&[u8], &[u8], &str, &str); 9] = [
 ];
 
 /// Tables of other datasets by columns that all must be there, in lower case.
-const TABLES: [(&[&str], &str, &str); 10] = [
+const TABLES: [(&[&str], &str, &str); 9] = [
     (&["trackid", "xcenter", "laneletid"], "a table of exiD, which has ramps and curved roads", OTHER_ROADS),
     (&["trackid", "xcenter", "heading"], "a table of inD, rounD, uniD or exiD, which have curved roads", OTHER_ROADS),
     (&["trackid", "initialframe", "finalframe"], "a tracksMeta table of inD, rounD, uniD or exiD", OTHER_ROADS),
     (&["locationid", "xutmorigin", "orthopxtometer"], "a recordingMeta table of inD, rounD, uniD or exiD", OTHER_ROADS),
     (&["track_id", "type", "traveled_d"], "a table of pNEUMA, which is of streets with junctions", OTHER_ROADS),
-    (&["timestep_time", "vehicle_id", "vehicle_x"], "floating car data (FCD) of SUMO", SUMO),
     (&["timestamp", "track_id", "object_type", "city_name"], "a table of Argoverse, which is of streets", OTHER_ROADS),
     (&["track_id", "frame_id", "timestamp_ms", "agent_type"], "a table of INTERACTION", OTHER_ROADS),
     (&["road_segment_ids", "x_position", "y_position"], "a table of I-24 MOTION", OTHER_LAYOUT),

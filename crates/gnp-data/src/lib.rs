@@ -5,8 +5,9 @@
 //! frame of a window is its origin. No value of a later frame can be reached through an
 //! [`Observation`].
 //!
-//! Recordings come from files through a [`Format`] ([`FORMATS`] lists NGSIM and highD), or from a
-//! program's own tracks through a [`LiveScene`].
+//! Recordings come from files through a [`Format`] ([`FORMATS`] lists those that are known), or from a
+//! program's own tracks: columns of them, in any plane, through a `TrackTable` (feature `readers`), or sample by sample
+//! through a [`LiveScene`].
 //!
 //! Feature `readers`, on by default: the formats of this crate, and with them polars. Without it
 //! there are recordings, windows, splits and predictors, and formats of other crates.

@@ -121,6 +121,13 @@ pub(crate) fn frame(track: &Track, row: usize) -> u32 {
     track.first_frame + (row - track.rows.start) as u32
 }
 
+/// What is added to frames so that frame 0 is at the zero of the clock; `None` where that is before it or too far after.
+pub(crate) fn frames_since_zero(recording: &Recording) -> Option<u32> {
+    let frames = recording.meta().start_s * recording.meta().rate_hz;
+    let near = (0. ..=1e7).contains(&frames) && (frames - frames.round()).abs() < 0.05;
+    near.then_some(frames.round() as u32)
+}
+
 /// Vehicle of a neighbour of a row; 0 for none.
 pub(crate) fn neighbour(recording: &Recording, row: usize, slot: crate::Slot) -> u32 {
     recording.neighbour(row, slot).map_or(0, |track| recording.tracks()[track].vehicle)

@@ -143,7 +143,12 @@ impl RunConfig {
     pub fn embedded(name: &str, set: &[Setting]) -> Result<Self> {
         match EMBEDDED.iter().find(|(known, _)| *known == name) {
             Some((_, text)) => Self::parse(text, set).with_context(|| format!("configs/{name}.toml")),
-            None => bail!(Config, "no configuration `{name}`; there are {}", EMBEDDED.map(|(name, _)| name).join(", ")),
+            None => bail!(
+                Config,
+                "no configuration `{name}` comes with the program; give one with --config: a file, or one of {}, for a dataset \
+                 as in --config ngsim --set dataset={name}",
+                EMBEDDED.map(|(name, _)| name).join(", ")
+            ),
         }
     }
 

@@ -2,6 +2,7 @@
 
 mod checkpoint;
 mod configuration;
+mod fcd;
 mod highd;
 mod live;
 mod ngsim;
@@ -10,6 +11,7 @@ mod recording;
 mod scene;
 mod split;
 mod table_text;
+mod tracks;
 
 use crate::Target;
 
@@ -17,6 +19,7 @@ use crate::Target;
 pub const TARGETS: &[Target] = &[
     checkpoint::TARGET,
     configuration::TARGET,
+    fcd::TARGET,
     highd::TARGET,
     live::TARGET,
     ngsim::TARGET,
@@ -25,6 +28,7 @@ pub const TARGETS: &[Target] = &[
     scene::TARGET,
     split::TARGET,
     table_text::TARGET,
+    tracks::TARGET,
 ];
 
 #[cfg(test)]
@@ -64,5 +68,5 @@ mod tests {
         };
     }
 
-    replays!(checkpoint configuration highd live ngsim predictions recording scene split table_text);
+    replays!(checkpoint configuration fcd highd live ngsim predictions recording scene split table_text tracks);
 }

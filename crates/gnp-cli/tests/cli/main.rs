@@ -5,6 +5,7 @@
 
 mod bad_input;
 mod cluster;
+mod convert;
 mod copies;
 mod pipeline;
 mod predict;

@@ -40,6 +40,12 @@ impl TrackLayout {
         for vehicle in self.wrong_velocities(table, &placed)? {
             placed.left_out.insert(vehicle, "have another speed than their positions".to_owned());
         }
+        for (vehicle, _) in &placed.taken.spans {
+            if self.numbering.number(&table.vehicles[*vehicle as usize].name).is_none() {
+                let why = "have names that were not there when vehicles were numbered";
+                placed.left_out.entry(*vehicle).or_insert_with(|| why.to_owned());
+            }
+        }
 
         let mut kept: Vec<(usize, u32, u16)> = Vec::new();
         for ((vehicle, span), way) in placed.taken.spans.iter().zip(&placed.way) {

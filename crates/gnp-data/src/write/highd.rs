@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Written, frame, neighbour, renamed, to_file};
+use super::{Written, frame, frames_since_zero, neighbour, renamed, to_file};
 use crate::error::DataError;
 use crate::lanes::lane_at;
 use crate::limits::MAX_LANE_WIDTH;
@@ -19,6 +19,8 @@ struct Layout<'a> {
     recording: &'a Recording,
     /// Index of the carriageway that drives towards smaller x, the upper one in the image, and of the other.
     roads: [Option<usize>; 2],
+    /// What is added to frames.
+    since: u32,
     /// y of the markings of each, m, downwards in the image, growing.
     markings: [Vec<f64>; 2],
 }
@@ -42,8 +44,8 @@ pub(crate) fn write(recording: &Recording, to: &Path) -> Result<Written, DataErr
     let vehicles = tracks.chunk_by(|a, b| a.vehicle == b.vehicle).count();
     let mut written = Written { files, rows: recording.len() as u64, vehicles: vehicles as u64, ..Written::default() };
     written.lose("names of vehicles become numbers", renamed(recording));
-    let start = recording.meta().start_s != 0.;
-    written.lose("times become frames from 0: the time of the first is not in the layout", usize::from(start));
+    let start = frames_since_zero(recording).is_none();
+    written.lose("times become frames: that of frame 0 is not in the layout", usize::from(start));
     let bent = recording.roads().iter().filter(|road| road.axis.as_ref().is_some_and(|axis| axis.length().is_finite()));
     written.lose("curved carriageways are straightened: x is the distance along them", bent.count());
     let made_up = layout.roads.iter().filter(|road| road.is_none()).count();
@@ -66,7 +68,8 @@ impl<'a> Layout<'a> {
             }
             *place = Some(road);
         }
-        let mut layout = Self { recording, roads, markings: Default::default() };
+        let since = frames_since_zero(recording).unwrap_or(0);
+        let mut layout = Self { recording, roads, since, markings: Default::default() };
         for (side, road) in roads.iter().enumerate() {
             let Some(road) = road else { continue };
             let lines = &recording.roads()[*road].lines;
@@ -137,7 +140,7 @@ impl<'a> Layout<'a> {
                 write!(
                     out,
                     "{},{},{:.3},{:.3},{length:.3},{width:.3},{:.3},{:.3}",
-                    frame(track, row),
+                    self.since + frame(track, row),
                     track.vehicle,
                     x - length / 2.,
                     y - width / 2.,
@@ -168,8 +171,8 @@ impl<'a> Layout<'a> {
                 first.vehicle,
                 first.length,
                 first.width,
-                first.first_frame,
-                last.last_frame(),
+                self.since + first.first_frame,
+                self.since + last.last_frame(),
                 runs.iter().map(|track| track.rows.len()).sum::<usize>(),
                 self.side(first) + 1,
             )?;

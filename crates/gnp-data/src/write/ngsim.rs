@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::{Written, frame, neighbour, numbered, renamed, to_file};
+use super::{Written, frame, frames_since_zero, neighbour, numbered, renamed, to_file};
 use crate::dataset::Dataset;
 use crate::error::DataError;
 use crate::recording::{Recording, Road, Track, VehicleClass, VelocitySource};
@@ -62,6 +62,8 @@ struct Part<'a> {
     recording: &'a Recording,
     road: &'a Road,
     tracks: Vec<&'a Track>,
+    /// What is added to frames.
+    since: u32,
     /// Where the left edge is, to the left of the axis, m; 0 where everybody drives to the right of that.
     left: f64,
     /// Where the road begins, m along it; 0 where everybody drives after that.
@@ -77,7 +79,8 @@ impl<'a> Part<'a> {
         let left = rows().map(|row| y[row]).fold(0f32, f32::max);
         let start = f64::from(rows().map(|row| x[row]).fold(0f32, f32::min).floor());
         let left = if left > 0. { f64::from(left.max(line).ceil()) } else { 0. };
-        Self { recording, road: &recording.roads()[road], tracks, left, start }
+        let since = frames_since_zero(recording).unwrap_or(0);
+        Self { recording, road: &recording.roads()[road], tracks, since, left, start }
     }
 
     fn write(&self, out: &mut dyn Write, between: &str, header: bool) -> io::Result<()> {
@@ -125,7 +128,7 @@ impl<'a> Part<'a> {
         let time = (recording.meta().time_s(frame) * 1000.).round() as i64;
         let first = vec![
             track.vehicle.to_string(),
-            frame.to_string(),
+            (self.since + frame).to_string(),
             total.to_string(),
             time.to_string(),
             feet(right),

@@ -1,5 +1,6 @@
 //! Plain tracks: a table of text or a Parquet file with a row a vehicle and moment.
 
+use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -7,7 +8,7 @@ use super::columns::{Cells, write_columns};
 use super::{Written, atomically, to_file};
 use crate::error::DataError;
 use crate::recording::VehicleClass;
-use crate::track_table::{LaneNumbers, TrackTable};
+use crate::track_table::{TableVehicle, TrackTable};
 
 /// Writes tracks as Parquet where the name of the file says so, else as a table of text with commas.
 ///
@@ -15,17 +16,35 @@ use crate::track_table::{LaneNumbers, TrackTable};
 /// When the file cannot be written.
 pub(crate) fn write(table: &TrackTable, to: &Path) -> Result<Written, DataError> {
     let columns = Columns::of(table);
+    let (rows, vehicles) = (table.len() as u64, table.vehicles.len() as u64);
+    let mut written = Written { files: vec![to.to_owned()], rows, vehicles, ..Written::default() };
     if to.extension().is_some_and(|end| end.eq_ignore_ascii_case("parquet")) {
         atomically(to, |file| write_columns(file, table.len(), &columns.cells()))?;
     } else {
-        to_file(to, |out| columns.text(out))?;
+        let (names, changed) = names(table)?;
+        to_file(to, |out| columns.text(out, &names))?;
+        written.lose("commas and quotes in names of vehicles become blanks", changed);
     }
-    let (rows, vehicles) = (table.len() as u64, table.vehicles.len() as u64);
-    let mut written = Written { files: vec![to.to_owned()], rows, vehicles, ..Written::default() };
     if table.simulated {
         written.lose(SIMULATED, 1);
     }
     Ok(written)
+}
+
+/// Names as a table of text holds them, where commas part fields, and how many are others than in the tracks.
+fn names(table: &TrackTable) -> Result<(Vec<String>, usize), DataError> {
+    let part = |c: char| if c == ',' || c == '"' || c.is_control() { ' ' } else { c };
+    let names: Vec<String> = table.vehicles.iter().map(|it| it.name.chars().map(part).collect()).collect();
+    let changed = names.iter().zip(&table.vehicles).filter(|(name, it)| **name != it.name).count();
+    let different: BTreeSet<&str> = names.iter().map(|name| name.trim()).collect();
+    if different.len() < names.len() {
+        return Err(DataError::Unwritable {
+            recording: table.name.clone(),
+            layout: "plain tracks in a table of text".to_owned(),
+            reason: "names of vehicles differ by commas, quotes or blanks alone; write Parquet instead".to_owned(),
+        });
+    }
+    Ok((names, changed))
 }
 
 /// What is lost where no file can say that it was simulated.
@@ -37,7 +56,6 @@ struct Columns<'a> {
     table: &'a TrackTable,
     /// Ids, where all of them are whole numbers.
     numbers: Option<Vec<i64>>,
-    /// Lanes, 1 leftmost, where the table counts from the left.
     lane: Option<&'a [i16]>,
     speed: Option<&'a [f64]>,
     heading: Option<&'a [f64]>,
@@ -48,12 +66,8 @@ struct Columns<'a> {
 
 impl<'a> Columns<'a> {
     fn of(table: &'a TrackTable) -> Self {
-        let numbers: Option<Vec<i64>> = table
-            .vehicles
-            .iter()
-            .map(|it| it.name.parse::<u32>().ok().filter(|n| n.to_string() == it.name))
-            .map(|n| n.map(i64::from))
-            .collect();
+        let number = |name: &str| name.parse::<u32>().ok().filter(|number| number.to_string() == name).map(i64::from);
+        let numbers: Option<Vec<i64>> = table.vehicles.iter().map(|it| number(&it.name)).collect();
         // A column that is not known throughout is no column that a reader can use.
         let whole = |column: &'a Option<Vec<f64>>| {
             column.as_deref().filter(|column| column.iter().all(|value| value.is_finite()))
@@ -72,14 +86,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    fn lane_name(&self) -> &'static str {
-        match self.table.lane_numbers {
-            LaneNumbers::FromLeft => "lane",
-            LaneNumbers::FromRight => "lane_from_right",
-        }
-    }
-
-    fn vehicle(&self, row: usize) -> &'a crate::track_table::TableVehicle {
+    fn vehicle(&self, row: usize) -> &'a TableVehicle {
         &self.table.vehicles[self.table.vehicle[row] as usize]
     }
 
@@ -122,7 +129,7 @@ impl<'a> Columns<'a> {
             cells.push(("width", real(move |row| size(self.vehicle(row).width))));
         }
         if let Some(lane) = self.lane {
-            cells.push((self.lane_name(), Cells::Whole(Box::new(move |row| lane[row].max(0).into()))));
+            cells.push(("lane", Cells::Whole(Box::new(move |row| lane[row].max(0).into()))));
         }
         if self.classed {
             cells.push(("class", Cells::Text(Box::new(|row| self.class(row)))));
@@ -130,7 +137,7 @@ impl<'a> Columns<'a> {
         cells
     }
 
-    fn text(&self, out: &mut dyn Write) -> io::Result<()> {
+    fn text(&self, out: &mut dyn Write, names: &[String]) -> io::Result<()> {
         let cells = self.cells();
         writeln!(out, "{}", cells.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(","))?;
         for row in 0..self.table.len() {
@@ -142,7 +149,10 @@ impl<'a> Columns<'a> {
                     Cells::Flag(of) => write!(out, "{}", of(row))?,
                     Cells::Whole(of) => write!(out, "{}", of(row))?,
                     Cells::Real(of) => write!(out, "{}", rounded(of(row), name))?,
-                    Cells::Text(of) => write!(out, "{}", quoted(of(row)))?,
+                    Cells::Text(_) if *name == "id" => {
+                        write!(out, "{}", names[self.table.vehicle[row] as usize])?;
+                    }
+                    Cells::Text(of) => write!(out, "{}", of(row))?,
                 }
             }
             writeln!(out)?;
@@ -161,9 +171,4 @@ fn rounded(value: f64, column: &str) -> f64 {
     let near = (value * digits).round() / digits;
     // No minus before zero.
     if near == 0. { 0. } else { near }
-}
-
-/// A field of text, between quotes where it needs them.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }

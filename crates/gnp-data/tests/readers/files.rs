@@ -133,7 +133,7 @@ fn foreign() -> Vec<(&'static str, Vec<u8>, [&'static str; 2])> {
         (
             "fcd.csv",
             text("<?xml version=\"1.0\"?>\n<fcd-export>\n<timestep time=\"0\"/></fcd-export>\n"),
-            ["SUMO", "docs/data.md"],
+            ["SUMO", "choose that dataset"],
         ),
         (
             "i24.csv",

@@ -71,7 +71,7 @@ fn vehicles_have_the_centre_size_lane_and_time_that_the_file_tells() {
     let (recording, report) = read_all(folder.path(), Dataset::SUMO).unwrap().remove(0);
     let meta = recording.meta();
     assert!(meta.simulated, "floating car data are simulated");
-    assert_eq!((meta.rate_hz, meta.start_s, report.vehicles), (10., 100., 3));
+    assert_eq!((meta.rate_hz, meta.start_s, report.vehicles), (10., 100., 3), "{report:?}");
     let of = |name: &str| {
         let vehicle = recording.vehicle_named(name).unwrap();
         recording.tracks().iter().find(|track| track.vehicle == vehicle).unwrap()

@@ -96,7 +96,7 @@ fn a_junction_is_refused_and_other_files_are_told_apart() {
         "{error}"
     );
     let error = read_all(folder.path(), Dataset::TRACKS).unwrap_err().to_string();
-    assert!(error.contains("`av2` scenarios of Argoverse 2"), "{error}");
+    assert!(error.contains("a table of Argoverse 2; choose that dataset"), "{error}");
 
     let other = folder.path().join("0a0a2bb7/scenario_0a0a2bb7.parquet");
     let columns: Vec<(&str, Column)> =

@@ -227,9 +227,15 @@ fn times_keep_their_clock_and_vehicles_their_names() {
     assert_eq!(recording.vehicle_named("car 9"), None);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("kept.rec");
-    recording.save(&file).unwrap();
-    let again = Recording::load(&file).unwrap();
-    assert_eq!((again.vehicle_name(9), again.meta()), (recording.vehicle_name(9), recording.meta()));
+    for heading in [0., 0.37, 1.234_567_890_123, std::f64::consts::FRAC_PI_2, 3., std::f64::consts::PI, -2.] {
+        let mut turned = traffic(heading, 25., 100);
+        turned.time_s.clone_from(&table.time_s);
+        let (recording, _) = turned.recordings(&options).unwrap().remove(0);
+        recording.save(&file).unwrap();
+        let again = Recording::load(&file).unwrap();
+        assert_eq!((again.vehicle_name(9), again.meta()), (recording.vehicle_name(9), recording.meta()));
+        assert_eq!(again.roads(), recording.roads(), "{heading}");
+    }
 }
 
 #[test]
