@@ -35,8 +35,6 @@ create_exception!(gnp, EvaluationError, GnpError, "Forecasts that cannot be scor
 pub(crate) enum Failure {
     /// The tracks.
     Tracks(DataError),
-    /// The model.
-    Model(Box<dyn Error + Send + Sync>),
     /// The scores.
     Evaluation(EvalError),
     /// Somebody asked to stop, which Python says itself.
@@ -76,7 +74,6 @@ impl Failure {
                 };
                 tracks_error(py, chain(&error), row, column.as_deref())
             }
-            Self::Model(error) => ModelError::new_err(chain(&*error)),
             Self::Evaluation(error) => EvaluationError::new_err(chain(&error)),
             Self::Question(message) => TracksError::new_err(message),
             Self::Stopped => PyKeyboardInterrupt::new_err(()),

@@ -62,6 +62,24 @@ def test_the_program_comes_with_the_package():
     assert info.returncode == 0 and "ngsim" in info.stdout
 
 
+def test_the_program_and_the_package_predict_the_same(tmp_path, tracks, model):
+    """Plain tracks as a file and as a table, under other names of their columns."""
+    names = {"id": "Track_ID", "time": "timestamp_ms", "x": "position_x", "y": "y_m", "vx": "velocity_x", "vy": "v_y"}
+    frame = pl.DataFrame(tracks).with_columns(pl.col("time") * 1000.0, id="car " + pl.col("id").cast(pl.String)).rename(names)
+    frame.write_csv(tmp_path / "tracks.csv")
+    command = [sys.executable, "-m", "gnp", "predict", "--input", tmp_path / "tracks.csv", "--output", tmp_path / "out.parquet"]
+    said = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stderr
+    by_program, by_package = pl.read_parquet(tmp_path / "out.parquet"), model.predict(frame)
+    common = [name for name in by_package.columns if name in by_program.columns]
+    assert set(by_package.columns) == set(common)
+    for name in common:
+        if by_package[name].dtype.is_float():
+            np.testing.assert_allclose(by_package[name], by_program[name], atol=1e-3, err_msg=name)
+        else:
+            assert by_package[name].to_list() == by_program[name].to_list(), name
+
+
 def test_numpy_is_not_imported_before_it_is_needed():
     program = "import gnp, sys; gnp.load(); assert not {'numpy', 'polars', 'pandas', 'pyarrow'} & set(sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
