@@ -55,10 +55,10 @@ pub struct ExplainArgs {
     #[arg(long, value_name = "PATH")]
     pub(crate) input: Option<PathBuf>,
     /// Model for the tracks: model folder, run folder, or name of one that comes with the program [default: ngsim].
-    #[arg(long, value_name = "MODEL", requires = "input")]
+    #[arg(long, value_name = "MODEL", requires = "input", conflicts_with = "run")]
     pub(crate) model: Option<PathBuf>,
     /// Format of the tracks [default: the one that fits].
-    #[arg(long, value_parser = dataset, value_name = "NAME", requires = "input")]
+    #[arg(long, value_parser = dataset, value_name = "NAME", requires = "input", conflicts_with = "run")]
     pub(crate) format: Option<Dataset>,
     /// On which road, of tracks.
     #[command(flatten)]
