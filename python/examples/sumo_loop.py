@@ -35,13 +35,15 @@ EDGES = f"""<edges>
 CONNECTIONS = "<connections>{}</connections>".format(
     "".join(f'<connection from="seen" to="beyond" fromLane="{lane}" toLane="{lane - 1}"/>' for lane in range(1, LANES))
 )
-ROUTES = f"""<routes>
+TYPES = f"""<additional>
 <vTypeDistribution id="traffic">
 <vType id="car" probability="0.85" length="{LENGTHS["car"]}" width="1.9" carFollowModel="EIDM" maxSpeed="40" speedFactor="normc(1,0.1,0.7,1.3)"/>
 <vType id="truck" probability="0.15" length="{LENGTHS["truck"]}" width="2.5" vClass="truck" carFollowModel="EIDM" maxSpeed="24.5" speedFactor="normc(1,0.05,0.9,1.1)"/>
 </vTypeDistribution>
+</additional>"""
+ROUTES = """<routes>
 <route id="through" edges="seen beyond"/>
-<flow id="v" type="traffic" route="through" begin="0" end="36000" period="exp({{flow}})" departLane="random" departSpeed="desired"/>
+<flow id="v" type="traffic" route="through" begin="0" end="36000" period="exp({flow})" departLane="random" departSpeed="desired"/>
 </routes>"""
 
 
@@ -53,13 +55,15 @@ def program(name):
 
 def simulate(folder, seconds, flow, seed):
     """Drives; the path of the floating car data."""
-    files = {"n.nod.xml": NODES, "n.edg.xml": EDGES, "n.con.xml": CONNECTIONS, "routes.xml": ROUTES.format(flow=flow)}
+    files = {"n.nod.xml": NODES, "n.edg.xml": EDGES, "n.con.xml": CONNECTIONS, "types.add.xml": TYPES}
+    files["routes.xml"] = ROUTES.format(flow=flow)
     files["seen.txt"] = "edge:seen"
     for name, text in files.items():
         (folder / name).write_text(text)
     net = [program("netconvert"), "-n", "n.nod.xml", "-e", "n.edg.xml", "-x", "n.con.xml", "-o", "net.xml"]
     net += ["--no-internal-links", "--no-turnarounds"]
-    sumo = [program("sumo"), "-n", "net.xml", "-r", "routes.xml", "--step-length", str(STEP_S), "--end", str(seconds)]
+    sumo = [program("sumo"), "-n", "net.xml", "-r", "routes.xml", "-a", "types.add.xml"]
+    sumo += ["--step-length", str(STEP_S), "--end", str(seconds)]
     sumo += ["--seed", str(seed), "--no-step-log", "--precision", "4"]
     # Otherwise vehicles jump from lane to lane within one step.
     sumo += ["--lanechange.duration", "4"]
@@ -97,6 +101,8 @@ def write_fcd(path, parts):
 def cut(fcd, folder, every):
     """Writes what was seen up to each asked time; these times, and where every vehicle was at every time."""
     folder.mkdir()
+    # Tells the lengths of vehicles: floating car data has their fronts alone.
+    (folder / "types.add.xml").write_text(TYPES)
     asked, recent, truth = [], [], {}
     for time, vehicles in steps(fcd):
         recent = [part for part in recent if part[0] > time - PAST_S] + [(time, vehicles)]

@@ -122,24 +122,18 @@ class Table:
 
     def to_polars(self) -> Any:
         """A `polars.DataFrame`; numbers are not copied."""
-        import polars
-
-        return polars.DataFrame(self)
+        return importlib.import_module("polars").DataFrame(self)
 
     def to_pyarrow(self) -> Any:
         """A `pyarrow.Table`; nothing is copied."""
-        import pyarrow
-
-        return pyarrow.table(self)
+        return importlib.import_module("pyarrow").table(self)
 
     def to_pandas(self) -> Any:
         """A `pandas.DataFrame`."""
-        import pandas
-
         try:
             importlib.import_module("pyarrow")
         except ImportError:
-            return pandas.DataFrame(self.to_numpy())
+            return importlib.import_module("pandas").DataFrame(self.to_numpy())
         return self.to_pyarrow().to_pandas()
 
     def to_numpy(self) -> dict[str, Any]:

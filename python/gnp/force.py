@@ -255,4 +255,5 @@ def platoon(
 
 def terms() -> list[dict[str, Any]]:
     """The terms of the force as figures name them: name, label, meaning, unit, colour, and parameters with their units."""
-    return _force.describe()
+    described: list[dict[str, Any]] = _force.describe()
+    return described

@@ -56,7 +56,9 @@ pub(crate) fn columns(source: &Bound<'_, PyAny>, wanted: impl Fn(&str) -> bool) 
         } else if let Ok(buffer) = PyBuffer::<i64>::get(&values) {
             Values::Whole(buffer.to_vec(py)?)
         } else {
-            Values::Texts(values.extract()?)
+            let texts: Vec<String> = values.extract()?;
+            // Nothing has no type.
+            if texts.is_empty() { Values::Whole(Vec::new()) } else { Values::Texts(texts) }
         };
         Ok(Column { name, values })
     };

@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-use gnp_data::{DataError, PredictError, WindowError};
+use gnp_data::DataError;
 use gnp_eval::EvalError;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt};
@@ -35,8 +35,6 @@ create_exception!(gnp, EvaluationError, GnpError, "Forecasts that cannot be scor
 pub(crate) enum Failure {
     /// The tracks.
     Tracks(DataError),
-    /// The model.
-    Model(Box<dyn Error + Send + Sync>),
     /// The scores.
     Evaluation(EvalError),
     /// Somebody asked to stop, which Python says itself.
@@ -50,18 +48,6 @@ pub(crate) enum Failure {
 impl From<DataError> for Failure {
     fn from(error: DataError) -> Self {
         Self::Tracks(error)
-    }
-}
-
-impl From<WindowError> for Failure {
-    fn from(error: WindowError) -> Self {
-        Self::Model(Box::new(error))
-    }
-}
-
-impl From<PredictError> for Failure {
-    fn from(error: PredictError) -> Self {
-        Self::Model(Box::new(error))
     }
 }
 
@@ -88,7 +74,6 @@ impl Failure {
                 };
                 tracks_error(py, chain(&error), row, column.as_deref())
             }
-            Self::Model(error) => ModelError::new_err(chain(&*error)),
             Self::Evaluation(error) => EvaluationError::new_err(chain(&error)),
             Self::Question(message) => TracksError::new_err(message),
             Self::Stopped => PyKeyboardInterrupt::new_err(()),
@@ -99,7 +84,7 @@ impl Failure {
                 }
                 let message = error.chain();
                 match inner {
-                    gnp::Error::Data(_) => TracksError::new_err(message),
+                    gnp::Error::Data(_) | gnp::Error::Recordings(_) => TracksError::new_err(message),
                     gnp::Error::Model(_) | gnp::Error::Predict(_) | gnp::Error::File(_) | gnp::Error::Folder(_) => {
                         ModelError::new_err(message)
                     }

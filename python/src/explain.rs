@@ -1,7 +1,7 @@
 //! One forecast by cause.
 
-use gnp_data::{Account, DataError, Past, Predictor as _, Snapshot, TrackOptions, TrackTable};
-use gnp_model::Gnp;
+use gnp::{Asked, At, Model, forecasts};
+use gnp_data::{Account, Past, TrackOptions, TrackTable};
 
 use crate::error::Failure;
 use crate::remarks::Remarks;
@@ -12,50 +12,44 @@ pub(crate) type Told = (String, f64, String, &'static str, Columns, Remarks);
 
 /// Explains the prediction of the vehicle called `name` at `at`, s, or else at its last moment.
 pub(crate) fn explain(
-    gnp: &Gnp,
+    model: &Model,
     tracks: &TrackTable,
     options: &TrackOptions,
     name: &str,
     at: Option<f64>,
 ) -> Result<Told, Failure> {
-    let gnp = gnp.clone().explaining(true);
+    let gnp = model.gnp().clone().explaining(true);
     let mut remarks = Remarks::default();
     for (recording, report) in tracks.recordings(options)? {
         remarks.add(&report);
         let meta = recording.meta();
         let Some(vehicle) = recording.vehicle_named(name) else { continue };
-        let own = || recording.tracks().iter().filter(|track| track.vehicle == vehicle);
-        let frame = match at {
-            Some(time_s) => ((time_s - meta.start_s) * meta.rate_hz).round() as u32,
-            None => own().map(|track| track.last_frame()).max().unwrap_or_default(),
-        };
-        let Some(shape) = gnp.shape().at_rate(meta.rate_hz) else {
-            return Err(DataError::WindowRate { recording_hz: meta.rate_hz, window_hz: gnp.shape().rate_hz }.into());
-        };
-        let snapshot = Snapshot::of(&recording, frame, shape)?;
-        let Some(present) = snapshot.vehicles().find(|present| present.vehicle() == vehicle) else {
-            let spans = own().map(|track| {
-                format!("{:.2} s to {:.2} s", meta.time_s(track.first_frame), meta.time_s(track.last_frame()))
-            });
-            let spans: Vec<String> = spans.collect();
+        let spans: Vec<[f64; 2]> = recording
+            .tracks()
+            .iter()
+            .filter(|track| track.vehicle == vehicle)
+            .map(|track| [track.first_frame, track.last_frame()].map(|frame| meta.time_s(frame)))
+            .collect();
+        let time_s = at.or(spans.last().map(|[_, last]| *last)).unwrap_or_default();
+        let asked = Asked::of(&recording, &At::Times(vec![time_s]), gnp.shape())?;
+        let mut found = None;
+        // Everybody at that moment, as when all are predicted.
+        forecasts(&gnp, &recording, &asked, model.card().predict.k, |made| {
+            if made.observation.vehicle() == vehicle {
+                let dt = made.observation.shape().dt();
+                let account = made.forecast.modes.first().and_then(|mode| Account::of(vehicle, mode, dt));
+                found = account.map(|account| (account, made.frame, made.past));
+            }
+            Ok(())
+        })?;
+        let Some((account, frame, past)) = found else {
+            let spans: Vec<String> = spans.iter().map(|[from, to]| format!("{from:.2} s to {to:.2} s")).collect();
             return Err(Failure::Question(format!(
-                "vehicle {name} is not there at {} s: it is from {}",
-                at.unwrap_or_default(),
-                spans.join(" and ")
+                "vehicle {name} cannot be predicted at {time_s} s: it is there from {}, and needs a velocity or two frames",
+                spans.join(" and from ")
             )));
         };
-        // All vehicles of the moment: those that are predicted together see each other.
-        let (at_moment, observations): (Vec<_>, Vec<_>) =
-            snapshot.vehicles().filter_map(|it| Some((it.vehicle(), it.observation()?))).unzip();
-        let forecasts = gnp.predict(&observations, 1)?;
-        let found = at_moment.iter().position(|number| *number == vehicle).and_then(|index| forecasts.get(index));
-        let account = found
-            .and_then(|forecast| forecast.modes.first())
-            .and_then(|mode| Account::of(vehicle, mode, 1. / gnp.shape().rate_hz));
-        let Some(account) = account else {
-            return Err(Failure::Question(format!("vehicle {name} was seen in one frame only, without a velocity")));
-        };
-        let past = if present.past() == Past::Full { "full" } else { "filled" };
+        let past = if past == Past::Full { "full" } else { "filled" };
         return Ok((name.to_owned(), meta.time_s(frame), account.sentence(), past, causes(&account), remarks));
     }
     Err(Failure::Question(format!("there is no vehicle {name} in the tracks")))

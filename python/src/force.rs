@@ -171,7 +171,6 @@ fn equilibrium_gap(
 /// Vehicles in a row, of which `leaders` says who follows whom (-1: nobody), for `steps` steps of `dt` s. Each of `outs` is
 /// `[vehicles, steps]`: position, speed, and the parts of the acceleration by road, leader and habit.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "an argument is a column")]
 fn platoon(
     py: Python<'_>,
     columns: [Array; 9],

@@ -1,6 +1,8 @@
 //! The module `gnp._gnp`, on which the Python package `gnp` is built: tables by Arrow, models, the streaming predictor,
 //! the physics on arrays, the program. Users see python/gnp; here nothing is decided that can be decided there.
 
+#![expect(clippy::result_large_err, reason = "the library's error, which it asks for")]
+
 mod arrow;
 mod column;
 mod error;

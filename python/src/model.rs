@@ -79,7 +79,7 @@ impl PyModel {
     ) -> PyResult<Told> {
         let table = tracks::read(source)?;
         let options = tracks::options(road, lines)?;
-        watched(py, None, None, |_| explain(self.gnp(), &table, &options, vehicle, at))
+        watched(py, None, None, |_| explain(&self.0, &table, &options, vehicle, at))
     }
 }
 

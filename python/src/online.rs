@@ -223,6 +223,7 @@ fn read(source: &Bound<'_, PyAny>) -> PyResult<Vec<Tracked>> {
     let size = numbers("length")?.zip(numbers("width")?);
     let class = match take("class").map(|column| column.values) {
         Some(Values::Texts(words)) if words.len() == ids.len() => Some(words),
+        Some(values) if values.len() == 0 => None,
         Some(_) => {
             return Err(tracks_error(
                 py,

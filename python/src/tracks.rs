@@ -9,20 +9,23 @@ use pyo3::prelude::*;
 use crate::column::{Column, Values, columns};
 use crate::error::{TracksError, tracks_error};
 
-/// What is read of a table: the name of a column, and other names for it; upper and lower case are the same.
-const COLUMNS: [(&str, &[&str]); 12] = [
-    ("id", &["track_id", "vehicle_id", "vehicle"]),
-    ("time", &["t", "time_s", "timestamp"]),
-    ("x", &["position_x", "x_m"]),
-    ("y", &["position_y", "y_m"]),
-    ("heading", &["yaw", "psi"]),
+/// What is read of a table, as of files of plain tracks: the name of a column, and other names for it; upper and lower case
+/// are the same.
+const COLUMNS: [(&str, &[&str]); 14] = [
+    ("id", &["track_id", "trackid", "vehicle_id", "vehicle", "agent_id"]),
+    ("time", &["t", "time_s", "timestamp", "timestamp_s"]),
+    ("time_ms", &["timestamp_ms"]),
+    ("x", &["x_m", "pos_x", "position_x"]),
+    ("y", &["y_m", "pos_y", "position_y"]),
+    ("heading", &["yaw", "psi_rad", "heading_rad"]),
+    ("heading_deg", &["yaw_deg"]),
     ("speed", &["v"]),
-    ("vx", &["velocity_x", "v_x"]),
-    ("vy", &["velocity_y", "v_y"]),
+    ("vx", &["v_x", "velocity_x"]),
+    ("vy", &["v_y", "velocity_y"]),
     ("length", &[]),
     ("width", &[]),
     ("lane", &["lane_id"]),
-    ("class", &["type", "object_type", "vehicle_type"]),
+    ("class", &["type", "object_type", "vehicle_class", "agent_type"]),
 ];
 
 /// The columns of a table that are read.
@@ -35,13 +38,15 @@ struct Table(Vec<Column>);
 pub(crate) fn read(source: &Bound<'_, PyAny>) -> PyResult<TrackTable> {
     let py = source.py();
     let mut table = Table::of(source)?;
-    let mut tracks = TrackTable::new(Dataset::TRACKS, "tracks", "tracks");
+    let mut tracks = TrackTable::new(Dataset::TRACKS, "input", "input");
     let id = table.take("id").ok_or_else(|| table.missing("id"))?;
     set_vehicles(py, &mut tracks, &id)?;
-    for (name, values) in [("time", &mut tracks.time_s), ("x", &mut tracks.x), ("y", &mut tracks.y)] {
+    let time_s = table.scaled(py, "time", "time_ms", 1e-3)?;
+    tracks.time_s = time_s.ok_or_else(|| table.missing("time"))?;
+    for (name, values) in [("x", &mut tracks.x), ("y", &mut tracks.y)] {
         *values = table.numbers(py, name)?.ok_or_else(|| table.missing(name))?;
     }
-    tracks.heading = table.numbers(py, "heading")?;
+    tracks.heading = table.scaled(py, "heading", "heading_deg", 1f64.to_radians())?;
     tracks.speed = table.numbers(py, "speed")?;
     tracks.velocity = match (table.numbers(py, "vx")?, table.numbers(py, "vy")?) {
         (Some(vx), Some(vy)) => Some([vx, vy]),
@@ -57,6 +62,7 @@ pub(crate) fn read(source: &Bound<'_, PyAny>) -> PyResult<TrackTable> {
     let class = match table.take("class") {
         None => None,
         Some(Column { values: Values::Texts(words), .. }) => Some(words),
+        Some(Column { values, .. }) if values.len() == 0 => None,
         Some(Column { name, .. }) => {
             let message = format!("column `{name}` has numbers: give words such as car, truck, motorcycle");
             return Err(tracks_error(py, message, None, Some(&name)));
@@ -110,6 +116,15 @@ impl Table {
                 Err(tracks_error(py, message, (!values.is_empty()).then_some(0), Some(&name)))
             }
         }
+    }
+
+    /// Takes a column of numbers out, or else the column `other` of another unit, times `factor`.
+    fn scaled(&mut self, py: Python<'_>, name: &str, other: &str, factor: f64) -> PyResult<Option<Vec<f64>>> {
+        if let Some(values) = self.numbers(py, name)? {
+            return Ok(Some(values));
+        }
+        let values = self.numbers(py, other)?;
+        Ok(values.map(|values| values.into_iter().map(|value| value * factor).collect()))
     }
 
     fn missing(&self, name: &str) -> PyErr {

@@ -54,7 +54,7 @@ def test_what_is_not_scored_is_said(long, model):
     with pytest.warns(gnp.GnpWarning, match="5 forecasts are not scored"):
         gnp.evaluate(model.predict(long, at=[104.0, 109.0], k=1), long)
     forecasts = model.predict(long, at=104.0, k=1)
-    unknown = forecasts.with_columns(pl.when(pl.col("vehicle") == 7).then(70).otherwise("vehicle").alias("vehicle"))
+    unknown = forecasts.with_columns(pl.col("vehicle_name").replace("7", "70"))
     with pytest.warns(gnp.GnpWarning, match="1 vehicles that have no tracks"):
         gnp.evaluate(unknown, long)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.resources
+import pathlib
 import subprocess
 import sys
 
@@ -35,7 +36,7 @@ def test_an_explanation_adds_up_to_the_prediction(tracks, model):
     assert told.vehicle == "7" and told.time_s == 104.0 and told.past == "full"
     assert "vehicle 7" in str(told)
     ends = told.causes.filter(step=50)
-    path = pl.DataFrame(model.predict(tracks, k=1)).filter(vehicle=7, step=50)
+    path = pl.DataFrame(model.predict(tracks)).filter(vehicle=7, mode=0, step=50)
     # At 25 m/s it would get 125 m.
     assert 100.0 + 125.0 + ends["dx"].sum() == pytest.approx(path["x"][0], abs=0.01)
     assert set(told.causes["kind"]) <= {"physics", "network"}
@@ -44,8 +45,9 @@ def test_an_explanation_adds_up_to_the_prediction(tracks, model):
 def test_an_explanation_needs_a_vehicle_that_is_there(tracks, model):
     with pytest.raises(gnp.TracksError, match="no vehicle 70"):
         model.explain(tracks, 70)
-    with pytest.raises(gnp.TracksError, match="not there at 3"):
-        model.explain(tracks, 7, at=3.0)
+    for time in (3.0, 105.0):
+        with pytest.raises(gnp.TracksError, match=f"at {time:.0f} s: it is there from 100.00 s to 104.00 s"):
+            model.explain(tracks, 7, at=time)
 
 
 def test_the_program_comes_with_the_package():
@@ -58,6 +60,24 @@ def test_the_program_comes_with_the_package():
     assert wrong.returncode != 0 and "no-such-command" in wrong.stderr
     info = run("info")
     assert info.returncode == 0 and "ngsim" in info.stdout
+
+
+def test_the_program_and_the_package_predict_the_same(tmp_path, tracks, model):
+    """Plain tracks as a file and as a table, under other names of their columns."""
+    names = {"id": "Track_ID", "time": "timestamp_ms", "x": "position_x", "y": "y_m", "vx": "velocity_x", "vy": "v_y"}
+    frame = pl.DataFrame(tracks).with_columns(pl.col("time") * 1000.0, id="car " + pl.col("id").cast(pl.String)).rename(names)
+    frame.write_csv(tmp_path / "tracks.csv")
+    command = [sys.executable, "-m", "gnp", "predict", "--input", tmp_path / "tracks.csv", "--output", tmp_path / "out.parquet"]
+    said = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stderr
+    by_program, by_package = pl.read_parquet(tmp_path / "out.parquet"), model.predict(frame)
+    common = [name for name in by_package.columns if name in by_program.columns]
+    assert set(by_package.columns) == set(common)
+    for name in common:
+        if by_package[name].dtype.is_float():
+            np.testing.assert_allclose(by_package[name], by_program[name], atol=1e-3, err_msg=name)
+        else:
+            assert by_package[name].to_list() == by_program[name].to_list(), name
 
 
 def test_numpy_is_not_imported_before_it_is_needed():
@@ -83,10 +103,11 @@ def test_the_stubs_name_what_there_is():
         assert {member for member in named[name] if not member.startswith("__")} == members, name
 
 
-def test_types_are_right():
+def test_types_are_right(monkeypatch):
     pytest.importorskip("mypy")
     import mypy.api
 
+    monkeypatch.setenv("MYPYPATH", str(pathlib.Path(gnp.__file__).parent.parent))
     out, err, status = mypy.api.run(["--strict", "--package", "gnp", "--cache-dir", "/dev/null"])
     assert status == 0, out + err
 

@@ -42,8 +42,10 @@ pub(crate) fn run(root: &Path, terminal: &Terminal) -> Result<()> {
     checked(module("maturin").args(["build", "--quiet", "--interpreter"]).arg(&python).arg("--out").arg(&wheels))?;
     let wheel = std::fs::read_dir(&wheels)?.next().context("maturin made no wheel")??.path();
     checked(module("pip").args(["install", "--quiet", "--no-deps", "--target"]).arg(&installed).arg(&wheel))?;
-    let tests = ["-q", "-rs", "-p", "no:cacheprovider", "tests"];
-    checked(module("pytest").args(tests).env("PYTHONPATH", &installed).env("PYTHONDONTWRITEBYTECODE", "1"))
+    // From the folder of the tests: in that above Python would find the sources of the package first.
+    let mut tests = module("pytest");
+    tests.args(["-q", "-rs", "-p", "no:cacheprovider", "."]).current_dir(root.join("python/tests"));
+    checked(tests.env("PYTHONPATH", &installed).env("PYTHONDONTWRITEBYTECODE", "1"))
 }
 
 /// What keeps the tests from running.

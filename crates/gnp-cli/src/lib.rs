@@ -47,6 +47,8 @@ struct Cli {
 /// The program `gnp`: runs the command that `arguments` name, of which the first is the program. It ends the process where
 /// they make no sense or ask for help.
 pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    processes::note_launcher(arguments.len().saturating_sub(1));
     run(&Cli::parse_from(arguments).command, &Program::default())
 }
 

@@ -5,9 +5,11 @@
 
 #![expect(clippy::result_large_err, reason = "the library's error, which it asks for")]
 
+use std::ffi::OsString;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use gnp::{Error, Result, Stop};
@@ -21,12 +23,23 @@ const PERIOD: Duration = Duration::from_millis(50);
 /// Time in which a job that was asked to stop may end by itself. One that is killed loses what it did since its last epoch.
 const PATIENCE: Duration = Duration::from_secs(10);
 
+/// Words between the file that runs and the arguments of this program: those that make Python run it.
+static LAUNCHER: OnceLock<Vec<OsString>> = OnceLock::new();
+
+/// Notes how this program was started, when it has so many arguments beside its name.
+pub(crate) fn note_launcher(arguments: usize) {
+    let words: Vec<OsString> = std::env::args_os().skip(1).collect();
+    let launcher = words.len().saturating_sub(arguments);
+    LAUNCHER.get_or_init(|| words.into_iter().take(launcher).collect());
+}
+
 /// Does the job called `id` of the prepared table in `folder` in another process of this program, on one thread.
 ///
 /// # Errors
 /// [`Error::Unavailable`] with what the process wrote when it fails or cannot be started; [`Error::Stopped`].
 pub(crate) fn perform(folder: &Path, id: &str, device: DeviceName, stop: &Stop) -> Result<()> {
     let mut command = Command::new(program()?);
+    command.args(LAUNCHER.get().into_iter().flatten());
     command.args(["compare", "--quiet", "--threads", "1", "--device", device.name(), "--job", id, "--out"]).arg(folder);
     command.envs(environment::variables(1)).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = command.spawn()?;

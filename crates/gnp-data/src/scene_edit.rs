@@ -86,18 +86,13 @@ impl EditedScene {
         let there = from.present(frame).iter().copied();
         let kept: Vec<u32> = there.filter(|track| from.tracks()[*track as usize].road == road).collect();
         let place = |track: u32| kept.binary_search(&track).map_or(NO_TRACK, |place| place as u32);
-        // In a snapshot the target may be predicted from another track than the others see.
-        let target = |track: u32| {
-            let same = from.tracks()[track as usize].vehicle == observation.vehicle();
-            if same { observation.track_index() } else { track as usize }
-        };
 
         let mut tracks = Vec::with_capacity(kept.len());
         let mut columns = Columns::default();
         let all = from.columns();
         let mut leaders = all.named_leader.as_ref().map(|_| Vec::new());
-        for index in kept.iter().map(|index| target(*index)) {
-            let track = &from.tracks()[index];
+        for index in &kept {
+            let track = &from.tracks()[*index as usize];
             let first_frame = track.first_frame.max(start);
             let (Some(first), Some(last)) = (track.row_at(first_frame), track.row_at(frame)) else { continue };
             let begin = columns.x.len();
@@ -105,7 +100,7 @@ impl EditedScene {
             columns.y.extend_from_slice(&all.y[first..=last]);
             columns.lane.extend_from_slice(&all.lane[first..=last]);
             // The last stored velocity may know the next row.
-            let now = from.velocity_one_sided(index, last).unwrap_or_default();
+            let now = from.velocity_one_sided(*index as usize, last).unwrap_or_default();
             columns.vx.extend(all.vx[first..last].iter().chain([&now[0]]));
             columns.vy.extend(all.vy[first..last].iter().chain([&now[1]]));
             columns.neighbours.resize(columns.x.len() - 1, [NO_TRACK; SLOTS]);

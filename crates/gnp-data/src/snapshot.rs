@@ -2,7 +2,6 @@
 //! is short.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use crate::live::{LiveError, check_lines};
 use crate::lookup::FrameIndex;
@@ -20,12 +19,17 @@ mod live;
 /// difference would be noise.
 pub const FILL_FROM_S: f64 = 1.;
 
+/// Positions of at least this time tell how a velocity changes, s.
+const BENT_FROM_S: f64 = 0.5;
+
 /// The last observed frames of all vehicles present at a moment, as a small recording: nothing later is in it.
 ///
 /// A vehicle that was not there for all observed frames is predicted all the same: before its first frame it is taken to
-/// have driven at constant velocity, which is the velocity recorded in that frame or else the slope of its positions
-/// in the [`FILL_FROM_S`] after it. That past is made up for its own prediction alone: as a neighbour it is there since
-/// it was seen. So the forecast of a vehicle with a full past is that of the recording, bit by bit.
+/// have driven at constant velocity. That is the velocity recorded in that frame; or else, of the positions in the
+/// [`FILL_FROM_S`] after it, the slope there of a parabola along the road and of a line across it. Its neighbours see the same
+/// past: on the scenes of NGSIM forecasts are better for it, those for vehicles behind one that has just come among them,
+/// because networks know few vehicles ahead without a past. Where nobody's past is short the forecast is that of the
+/// recording, bit by bit.
 ///
 /// ```no_run
 /// # fn example(recording: gnp_data::Recording, predictor: &dyn gnp_data::Predictor) -> Result<(), Box<dyn std::error::Error>> {
@@ -47,7 +51,8 @@ pub struct Snapshot {
     shape: WindowShape,
     /// Number of the moment in `recording`.
     frame: u32,
-    vehicles: Vec<Seen>,
+    /// By track: each vehicle has one.
+    pasts: Vec<Past>,
     /// Where vehicles are in their lanes, and who is beside whom; both are room to work in.
     places: Vec<LanePosition>,
     neighbours: Neighbours,
@@ -68,21 +73,11 @@ pub enum Past {
     NoVelocity,
 }
 
-/// A vehicle of a snapshot.
-#[derive(Clone, Copy, Debug)]
-struct Seen {
-    past: Past,
-    /// Its track as it was seen: what others see of it.
-    track: usize,
-    /// The track it is predicted from: the same one, or one with what is missing filled in.
-    target: usize,
-}
-
 /// A vehicle that is present at the moment of a [`Snapshot`].
 #[derive(Clone, Copy, Debug)]
 pub struct Present<'a> {
     snapshot: &'a Snapshot,
-    seen: Seen,
+    index: usize,
 }
 
 impl<'a> Present<'a> {
@@ -92,27 +87,26 @@ impl<'a> Present<'a> {
         self.track().vehicle
     }
 
-    /// Its track in the recording of the snapshot, as it was seen.
+    /// Its track in the recording of the snapshot.
     #[must_use]
     pub fn track(&self) -> &'a Track {
-        &self.snapshot.recording.tracks[self.seen.track]
+        &self.snapshot.recording.tracks[self.index]
     }
 
     /// How much of its past was seen.
     #[must_use]
     pub fn past(&self) -> Past {
-        self.seen.past
+        self.snapshot.pasts[self.index]
     }
 
     /// What a predictor may see of it; `None` with [`Past::NoVelocity`].
     #[must_use]
     pub fn observation(&self) -> Option<Observation<'a>> {
-        if self.seen.past == Past::NoVelocity {
+        if self.past() == Past::NoVelocity {
             return None;
         }
         let Snapshot { recording, shape, .. } = self.snapshot;
-        let target = self.seen.target;
-        Observation::new(recording, *shape, target, recording.tracks[target].rows.end - 1).ok()
+        Observation::new(recording, *shape, self.index, self.track().rows.end - 1).ok()
     }
 }
 
@@ -171,8 +165,7 @@ impl Snapshot {
             }
             columns.neighbours.resize(columns.x.len(), [NO_TRACK; SLOTS]);
             let recorded = recording.meta.velocities == VelocitySource::Recorded && now.is_some();
-            let track = Track { first_frame: self.frame - (last - first) as u32, rows: start..start, ..from.clone() };
-            self.add(track, recorded.then(|| [self.recording.columns.vx[start], self.recording.columns.vy[start]]));
+            self.add(from.clone(), start, recorded.then(|| [all.vx[first], all.vy[first]]));
         }
         for (i, index) in recording.present(frame).iter().enumerate() {
             let Some(row) = recording.tracks[*index as usize].row_at(frame) else { continue };
@@ -186,7 +179,7 @@ impl Snapshot {
 
     /// The vehicles present at the moment, in the order of the recording's tracks.
     pub fn vehicles(&self) -> impl ExactSizeIterator<Item = Present<'_>> {
-        self.vehicles.iter().map(|seen| Present { snapshot: self, seen: *seen })
+        (0..self.pasts.len()).map(|index| Present { snapshot: self, index })
     }
 
     /// The shape of its windows.
@@ -195,8 +188,7 @@ impl Snapshot {
         self.shape
     }
 
-    /// The vehicles with their last frames, the observed ones of a window and one before them. Those with a filled past
-    /// have two tracks, first as they were seen. Neighbours and presence stand in the last frame alone. Numbers of
+    /// The vehicles with their last frames, the observed ones of a window and, where it was seen, one before them. Neighbours and presence stand in the last frame alone. Numbers of
     /// frames are those of the recording it was taken of, but in that one's first frames, where they are raised so
     /// that filled ones have a number; times ([`RecordingMeta::time_s`]) are the same.
     #[must_use]
@@ -222,8 +214,8 @@ impl Snapshot {
             without_velocity: Vec::new(),
             names: BTreeMap::new(),
         };
-        let (vehicles, places, neighbours) = (Vec::new(), Vec::new(), Neighbours::default());
-        Ok(Self { recording, shape, frame: 0, vehicles, places, neighbours })
+        let (pasts, places, neighbours) = (Vec::new(), Vec::new(), Neighbours::default());
+        Ok(Self { recording, shape, frame: 0, pasts, places, neighbours })
     }
 
     /// Recorded frames that the observed ones span.
@@ -240,94 +232,96 @@ impl Snapshot {
         named_leader.iter_mut().for_each(Vec::clear);
         tracks.clear();
         without_velocity.clear();
-        self.vehicles.clear();
+        self.pasts.clear();
     }
 
-    /// Ends a track of the rows from `track.rows.start` on, and adds one with a full past where its own is short.
+    /// Adds a track of the rows from `start` on, as long as its past should be: what is missing before them is filled.
     /// `measured` is the velocity of its first row, m/s, where that is not derived.
-    fn add(&mut self, track: Track, measured: Option<[f32; 2]>) {
+    fn add(&mut self, track: Track, start: usize, measured: Option<[f32; 2]>) {
         let (needed, rate_hz) = (self.needed(), self.recording.meta.rate_hz);
-        let rows = track.rows.start..self.recording.columns.x.len();
-        let index = self.recording.tracks.len();
-        let velocity = measured.or_else(|| self.first_velocity(rows.clone()));
-        self.recording.tracks.push(Track { rows: rows.clone(), ..track.clone() });
-        let (past, target) = match velocity {
-            _ if rows.len() >= needed => (Past::Full, index),
+        let seen = self.recording.columns.x.len() - start;
+        let past = match measured.or_else(|| self.first_velocity(start)) {
+            _ if seen >= needed => Past::Full,
             None => {
-                self.recording.without_velocity.push(index as u32);
-                (Past::NoVelocity, index)
+                self.recording.without_velocity.push(self.pasts.len() as u32);
+                Past::NoVelocity
             }
             Some(velocity) => {
-                let filled = self.fill(rows.clone(), needed - rows.len(), velocity);
-                let first_frame = self.frame + 1 - needed as u32;
-                self.recording.tracks.push(Track { rows: filled, first_frame, ..track });
-                (Past::Filled { observed_s: (rows.len() - 1) as f64 / rate_hz }, index + 1)
+                self.fill(start, needed - seen, velocity);
+                Past::Filled { observed_s: (seen - 1) as f64 / rate_hz }
             }
         };
-        self.vehicles.push(Seen { past, track: index, target });
+        let rows = start..self.recording.columns.x.len();
+        let first_frame = self.frame + 1 - rows.len() as u32;
+        self.recording.tracks.push(Track { first_frame, rows, ..track });
+        self.pasts.push(past);
     }
 
-    /// Adds `missing` rows before the first one, at constant velocity, and `rows` once more. Returns the new rows.
-    fn fill(&mut self, rows: Range<usize>, missing: usize, [vx, vy]: [f32; 2]) -> Range<usize> {
+    /// Puts `missing` rows before those from `start` on, at constant velocity.
+    fn fill(&mut self, start: usize, missing: usize, [vx, vy]: [f32; 2]) {
         let period = 1. / self.recording.meta.rate_hz;
-        let columns = &mut self.recording.columns;
-        let start = columns.x.len();
-        let (x, y, lane) = (columns.x[rows.start], columns.y[rows.start], columns.lane[rows.start]);
-        let before = |at: f32, v: f32| {
-            (1..=missing).rev().map(move |back| (f64::from(at) - f64::from(v) * back as f64 * period) as f32)
-        };
-        columns.x.extend(before(x, vx));
-        columns.y.extend(before(y, vy));
-        let end = start + missing;
-        columns.vx.resize(end, vx);
-        columns.vy.resize(end, vy);
-        columns.lane.resize(end, lane);
-        columns.x.extend_from_within(rows.clone());
-        columns.y.extend_from_within(rows.clone());
-        columns.vx.extend_from_within(rows.clone());
-        columns.vy.extend_from_within(rows.clone());
-        columns.lane.extend_from_within(rows.clone());
-        columns.neighbours.resize(columns.x.len(), [NO_TRACK; SLOTS]);
-        if let Some(leaders) = &mut columns.named_leader {
-            leaders.resize(end, NamedLeader::default());
-            leaders.extend_from_within(rows);
+        let Columns { x, y, vx: own_vx, vy: own_vy, lane, neighbours, named_leader } = &mut self.recording.columns;
+        let (x0, y0, lane0) = (x[start], y[start], lane[start]);
+        let before = |at: f32, v: f32| move |back: usize| (f64::from(at) - f64::from(v) * back as f64 * period) as f32;
+        put_before(x, start, missing, before(x0, vx));
+        put_before(y, start, missing, before(y0, vy));
+        put_before(own_vx, start, missing, |_| vx);
+        put_before(own_vy, start, missing, |_| vy);
+        put_before(lane, start, missing, |_| lane0);
+        put_before(neighbours, start, missing, |_| [NO_TRACK; SLOTS]);
+        if let Some(leaders) = named_leader {
+            put_before(leaders, start, missing, |_| NamedLeader::default());
         }
-        start..columns.x.len()
     }
 
-    /// Slope of the positions in the first [`FILL_FROM_S`] of `rows`, m/s; `None` of a single row.
-    fn first_velocity(&self, rows: Range<usize>) -> Option<[f32; 2]> {
+    /// Velocity in row `start` by the positions from it on, m/s; `None` of a single row.
+    fn first_velocity(&self, start: usize) -> Option<[f32; 2]> {
         let Recording { meta, columns, .. } = &self.recording;
-        let frames = ((FILL_FROM_S * meta.rate_hz).round() as usize).saturating_add(1).max(2);
-        let rows = rows.start..rows.end.min(rows.start.saturating_add(frames));
-        if rows.len() < 2 {
+        let frames = |seconds: f64| ((seconds * meta.rate_hz).round() as usize).max(1);
+        let count = (columns.x.len() - start).min(frames(FILL_FROM_S).saturating_add(1));
+        if count < 2 {
             return None;
         }
-        let middle = (rows.len() - 1) as f64 / 2.;
-        let (mut sum, mut squares) = ([0f64; 2], 0f64);
-        for (i, row) in rows.enumerate() {
-            let t = i as f64 - middle;
-            sum[0] += t * f64::from(columns.x[row]);
-            sum[1] += t * f64::from(columns.y[row]);
+        let time = |i: usize| i as f64 - (count - 1) as f64 / 2.;
+        // Around the middle 1, t and t² less its mean are orthogonal: sums, no system.
+        let mean_square = (count * count - 1) as f64 / 12.;
+        let (mut slope, mut bend, mut squares, mut fourths) = ([0f64; 2], 0., 0., 0.);
+        for i in 0..count {
+            let (t, q) = (time(i), time(i).powi(2) - mean_square);
+            let at = [&columns.x, &columns.y].map(|column| f64::from(column[start + i]));
+            slope = [0, 1].map(|axis| slope[axis] + t * at[axis]);
+            bend += q * at[0];
             squares += t * t;
+            fourths += q * q;
         }
-        Some(sum.map(|sum| (sum * meta.rate_hz / squares) as f32))
+        let mut slope = slope.map(|sum| sum / squares);
+        if count > frames(BENT_FROM_S).max(2) {
+            slope[0] += 2. * bend / fourths * time(0);
+        }
+        Some(slope.map(|slope| (slope * meta.rate_hz) as f32))
     }
 
     /// Names the neighbours of vehicle `i` at the moment, each by its place among the vehicles.
     fn set_neighbours(&mut self, i: usize, slots: [Option<usize>; SLOTS]) {
-        let named = slots
-            .map(|other| other.and_then(|other| self.vehicles.get(other)).map_or(NO_TRACK, |other| other.track as u32));
-        let Some(Seen { track, target, .. }) = self.vehicles.get(i).copied() else { return };
-        for track in [track, target] {
-            let last = self.recording.tracks[track].rows.end - 1;
-            self.recording.columns.neighbours[last] = named;
+        if let Some(track) = self.recording.tracks.get(i) {
+            let named = slots.map(|other| other.map_or(NO_TRACK, |other| other as u32));
+            self.recording.columns.neighbours[track.rows.end - 1] = named;
         }
     }
 
-    /// Vehicles are present at the moment as they were seen.
+    /// Every vehicle is present at the moment.
     fn index(&mut self) {
-        self.recording.frames.set_only(self.frame, self.vehicles.iter().map(|seen| seen.track as u32));
+        self.recording.frames.set_only(self.frame, 0..self.pasts.len() as u32);
+    }
+}
+
+/// Puts `count` values before those from `start` on; the value is asked for by how far before them it is.
+fn put_before<T: Copy>(column: &mut Vec<T>, start: usize, count: usize, value: impl Fn(usize) -> T) {
+    let end = column.len();
+    column.extend((0..count).map(|_| value(1)));
+    column.copy_within(start..end, start + count);
+    for (i, place) in column[start..start + count].iter_mut().enumerate() {
+        *place = value(count - i);
     }
 }
 

@@ -231,11 +231,10 @@ impl<'a> Observation<'a> {
     /// Every other vehicle of the target's carriageway present at the last observed frame.
     pub fn others(&self) -> impl Iterator<Item = Neighbour<'a>> + use<'a> {
         let this = *self;
-        let Track { vehicle, road, .. } = *this.track();
+        let road = this.track().road;
         this.recording.present(this.frame()).iter().map(|track| *track as usize).filter_map(move |track| {
-            // In a snapshot a vehicle may have another track than the one it is predicted from.
-            let other = &this.recording.tracks()[track];
-            (other.vehicle != vehicle && other.road == road).then_some(Neighbour { observation: this, track })
+            let same_road = this.recording.tracks()[track].road == road;
+            (track != this.track && same_road).then_some(Neighbour { observation: this, track })
         })
     }
 

@@ -3,8 +3,8 @@
 
 use candle_core::{DType, Device, Tensor};
 use gnp_goal::{
-    GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, LabelConfig, LabelDistance, Labels, LossWeights, Pick,
-    ProbabilityHead, Regression, goal_loss, labels,
+    GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, GoalWorkspace, LabelConfig, LabelDistance, Labels,
+    LossWeights, Pick, ProbabilityHead, Regression, goal_loss, labels,
 };
 use gnp_nn::{Dropout, Weights};
 use rand::{Rng, SeedableRng};
@@ -113,6 +113,52 @@ fn goals_come_likeliest_first_and_sum_to_one() {
             let least = logits[row][indices[row][3] as usize];
             assert_eq!(logits[row].iter().filter(|logit| **logit > least).count(), 3);
         }
+    }
+}
+
+/// Windows with some neighbours, all and none, and two networks, in one memory.
+#[test]
+fn a_packed_network_ends_where_the_network_does() {
+    let mut work = GoalWorkspace::default();
+    for config in [published(), ours(), GoalConfig { probability: ProbabilityHead::Encoder, ..ours() }] {
+        let case = Case::new(&config);
+        let packed = case.net.packed(&case.modes).unwrap();
+        assert_eq!((packed.modes(), packed.shape()), (MODES, SHAPE));
+        let goals = case.net.predict(&case.observed, &case.neighbours, &case.mask, &case.modes, MODES).unwrap();
+        let ends = goals.futures.narrow(2, SHAPE.t_pred - 1, 1).unwrap();
+        for window in 0..BATCH {
+            let [observed, mut neighbours, mask, ends, probabilities] =
+                [&case.observed, &case.neighbours, &case.mask, &ends, &goals.probabilities]
+                    .map(|of_all| values(&of_all.get(window).unwrap()));
+            let present: Vec<bool> = mask.iter().map(|there| *there > 0.).collect();
+            for (row, _) in neighbours.chunks_exact_mut(SHAPE.neighbour).zip(&present).filter(|(_, there)| !**there) {
+                row.fill(f32::NAN);
+            }
+            let found = packed.predict(&observed, &neighbours, &present, &mut work).unwrap();
+            let all = found.points.as_flattened().iter().chain(found.probabilities);
+            for (found, wanted) in all.zip(ends.iter().chain(&probabilities)) {
+                assert!((found - wanted).abs() < 1e-5, "window {window}: {found} {wanted}");
+            }
+            assert_eq!((found.points.len(), found.probabilities.len()), (MODES, MODES));
+        }
+    }
+}
+
+#[test]
+fn a_packed_network_names_what_does_not_fit() {
+    let case = Case::new(&ours());
+    let refused = case.net.packed(&random(&[MODES, SHAPE.t_pred + 1, 2], 3)).unwrap_err();
+    assert!(matches!(refused, GoalError::Shape { name: "modes", .. }), "{refused}");
+    let packed = case.net.packed(&case.modes).unwrap();
+    let neighbours = SHAPE.slots * SHAPE.neighbour;
+    for (observed, neighbours, slots, name) in [
+        (SHAPE.observed + 1, neighbours, SHAPE.slots, "observed"),
+        (SHAPE.observed, neighbours - 1, SHAPE.slots, "neighbours"),
+        (SHAPE.observed, neighbours, 0, "present"),
+    ] {
+        let (observed, neighbours, present) = (vec![0.; observed], vec![0.; neighbours], vec![true; slots]);
+        let error = packed.predict(&observed, &neighbours, &present, &mut GoalWorkspace::default()).unwrap_err();
+        assert!(matches!(&error, GoalError::Shape { name: found, .. } if *found == name), "{error}");
     }
 }
 

@@ -41,7 +41,8 @@
 //! # What happens when
 //!
 //! - **a vehicle is new**: what is missing of its past is filled at constant velocity: [`Validity::Filled`]. After one
-//!   position without a velocity it is not predicted yet: [`Reason::NoVelocity`]. Others see of it what was seen.
+//!   position without a velocity it is not predicted yet: [`Reason::NoVelocity`]. [`Snapshot`](gnp_data::Snapshot) has the
+//!   rule, which is that of `gnp predict`, too.
 //! - **a vehicle is missing in a frame**: it is taken to go on as it went for [`StreamConfig::coast_s`], is predicted and
 //!   is a neighbour; [`Vehicle::age_s`] says since when it was not seen.
 //! - **it comes back** within [`StreamConfig::bridge_s`]: the gap is interpolated, [`Validity::Interpolated`]. After that

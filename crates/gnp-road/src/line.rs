@@ -19,6 +19,9 @@ pub const EXTENSION: f64 = 300.;
 /// Least part of its length that a stretch of the line keeps at a position to the inside of a bend.
 const LEAST_STRETCH: f64 = 0.1;
 
+/// The nearest place is not farther than this from where the position stands square to the line, m.
+const SQUARE: f64 = 1e-6;
+
 /// How far apart places along a line are that may not come near one another, in times of [`REACH`]: half a circle of that
 /// radius is as long, so that a loop of a ramp is none.
 const APART: f64 = std::f64::consts::PI;
@@ -319,7 +322,12 @@ impl Curve {
         });
         if let Some((piece, _)) = nearest {
             let piece = &self.pieces[piece];
-            found = Some((piece.from + piece.length_to(parameter), piece.at(parameter)));
+            let place = piece.at(parameter);
+            // Beyond the centre of a bend the distance may have several least values, of which an end of a piece is none.
+            if dot(sub(position, place.position), place.direction).abs() > SQUARE {
+                return Err(OffLine::InsideBend);
+            }
+            found = Some((piece.from + piece.length_to(parameter), place));
         }
         found.ok_or(if beyond { OffLine::BeyondTheEnds } else { OffLine::TooFar })
     }

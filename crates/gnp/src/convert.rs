@@ -171,7 +171,7 @@ fn said(tracks: &Tracks, report: Option<&IngestReport>) -> Vec<String> {
 fn is_file(target: &dyn Format, output: &Path) -> bool {
     let name = output.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let ends = |end: &&str| !end.is_empty() && (name.ends_with(end) || name.ends_with(&format!("{end}.gz")));
-    !output.is_dir() && target.written_as().iter().any(|end| ends(&end))
+    !output.is_dir() && target.written_as().iter().any(ends)
 }
 
 /// Where a recording goes in a folder.

@@ -77,6 +77,7 @@ pub use crate::stages::Plan;
 pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Recipes, ablate};
 pub use crate::traffic::{DriveOn, Measured, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};
 pub use gnp_model::ModelCard;
+pub use gnp_online as online;
 pub use gnp_simulation::Scene;
 
 /// The programs of docs/extending.md are compiled and run with the documentation tests.

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use gnp_eval::{Protocol, load_scores};
 use gnp_model::{
-    CardScore, CardScores, CardWindows, Gnp, ModelCard, ModelFolder, NeighbourInput, PredictSettings, TrainingData,
-    TrainingRecord,
+    CardScore, CardScores, CardWindows, Gnp, ModelCard, ModelError, ModelFolder, NeighbourInput, PredictSettings,
+    TrainingData, TrainingRecord,
 };
 
 pub use self::export::{ExportRequest, export};
@@ -87,7 +87,14 @@ impl<'a> Place<'a> {
             return Ok(Self::Run(path));
         }
         // It says what a model is where there is none.
-        Ok(Self::Folder(Box::new(ModelFolder::open(path)?)))
+        match ModelFolder::open(path) {
+            Err(ModelError::NoModel { path, seen }) => {
+                let known = gnp_pretrained::NAMES.join(", ");
+                let seen = format!("{seen}, and it is no name of a model that comes with the program ({known})");
+                Err(ModelError::NoModel { path, seen }.into())
+            }
+            opened => Ok(Self::Folder(Box::new(opened?))),
+        }
     }
 }
 

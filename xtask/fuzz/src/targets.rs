@@ -8,6 +8,7 @@ mod live;
 mod ngsim;
 mod predictions;
 mod recording;
+mod road;
 mod scene;
 mod split;
 mod table_text;
@@ -25,6 +26,7 @@ pub const TARGETS: &[Target] = &[
     ngsim::TARGET,
     predictions::TARGET,
     recording::TARGET,
+    road::TARGET,
     scene::TARGET,
     split::TARGET,
     table_text::TARGET,
@@ -68,5 +70,5 @@ mod tests {
         };
     }
 
-    replays!(checkpoint configuration fcd highd live ngsim predictions recording scene split table_text tracks);
+    replays!(checkpoint configuration fcd highd live ngsim predictions recording road scene split table_text tracks);
 }

@@ -17,7 +17,7 @@ fn lane_lines(text: &str) -> Result<LaneLines, gnp_road::LaneLinesError> {
 #[derive(Clone, Debug, Default, Args)]
 pub(crate) struct RoadArgs {
     /// Line along a road that curves, in the direction of travel and in the coordinates of the tracks, m: CSV with columns x
-    /// and y, or GeoJSON [default: the road is straight, which is checked]. See docs/roads.md.
+    /// and y, GeoJSON, or OpenDRIVE (FILE#ID for one road of several) [default: the road is straight, which is checked].
     #[arg(long, value_name = "FILE")]
     pub(crate) road: Option<PathBuf>,
     /// Lane lines beside the road's line, m, from right to left and positive to the left, such as -3.7,0,3.7 [default: those

@@ -1,6 +1,6 @@
 //! A snapshot of a program's own tracks.
 
-use super::{LaneMarking, LiveError, Road, Seen, Snapshot, VelocitySource, check_lines};
+use super::{LaneMarking, LiveError, Road, Snapshot, VelocitySource, check_lines};
 use crate::assemble::{VehicleBody, slope_at};
 use crate::dataset::Dataset;
 use crate::lanes::lane_at;
@@ -115,24 +115,21 @@ impl Snapshot {
         if (0..kept).any(|i| measured(i).is_some()) {
             self.recording.meta.velocities = VelocitySource::Recorded;
         }
-        let VehicleBody { class, length, width, road } = body;
-        let first_frame = self.frame + 1 - kept as u32;
-        let track = Track { vehicle, segment: 0, road, class, length, width, first_frame, rows: start..start };
-        self.add(track, measured(0));
+        let track = Track { class: body.class, ..Track::new(vehicle, [body.length, body.width], 0, start..start) };
+        self.add(track, start, measured(0));
         Ok(())
     }
 
     /// Finds who is whose neighbour once all vehicles of the moment are there.
     pub fn finish(&mut self) {
-        let Self { recording, vehicles, places, neighbours, .. } = self;
+        let Self { recording, places, neighbours, .. } = self;
         places.clear();
-        places.extend(vehicles.iter().map(|Seen { track, .. }| {
-            let track = &recording.tracks[*track];
+        places.extend(recording.tracks.iter().map(|track| {
             let last = track.rows.end - 1;
             LanePosition { lane: recording.columns.lane[last], x: recording.columns.x[last], length: track.length }
         }));
         neighbours.find(places);
-        for i in 0..self.vehicles.len() {
+        for i in 0..self.pasts.len() {
             self.set_neighbours(i, self.neighbours.of(i));
         }
         self.index();

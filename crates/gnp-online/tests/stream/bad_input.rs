@@ -6,7 +6,8 @@ use gnp_road::ReferenceLine;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::model::{SHAPE, lines, model};
+use crate::SHAPE;
+use crate::model::{lines, model};
 
 /// A small window, cheap to predict.
 const SHORT: WindowShape = WindowShape { t_obs: 6, t_pred: 8, step: 1, rate_hz: 5. };

@@ -2,7 +2,8 @@
 
 use gnp_online::{Reason, Stream, StreamConfig, Tracked, Validity};
 
-use crate::model::{SHAPE, lines, model};
+use crate::SHAPE;
+use crate::model::{lines, model};
 
 fn car(id: u64, time_s: f64) -> Tracked {
     Tracked::new(id, [40. * id as f64 + 25. * time_s, 1.8])

@@ -8,3 +8,6 @@ mod coming_and_going;
 mod model;
 mod sharing;
 mod times;
+
+/// 3 s observed and 5 s predicted at 10 Hz.
+pub(crate) const SHAPE: gnp_data::WindowShape = gnp_data::WindowShape { t_obs: 31, t_pred: 50, step: 1, rate_hz: 10. };

@@ -13,9 +13,6 @@ use gnp_modes::Modes;
 use gnp_nn::Weights;
 use gnp_traj::{InputScale, Integrator, SocialForce, TrajConfig};
 
-/// 3 s observed and 5 s predicted at 10 Hz.
-pub(crate) const SHAPE: WindowShape = WindowShape { t_obs: 31, t_pred: 50, step: 1, rate_hz: 10. };
-
 /// Two lanes, 3.7 m wide.
 pub(crate) fn lines() -> Vec<LaneMarking> {
     [0., 3.7, 7.4].map(|y| LaneMarking::new(y, y != 3.7)).to_vec()
@@ -85,12 +82,18 @@ pub(crate) fn model(shape: WindowShape) -> Gnp {
     let (goal, force) = (Weights::seeded(1, &Device::Cpu), Weights::seeded(2, &Device::Cpu));
     GoalNet::new(&goal_config, features.goal_shape(), goal.builder()).unwrap();
     SocialForce::new(&traj_config, force.builder()).unwrap();
-    let count = 12;
-    let step = |i: usize| ((i / 2 % shape.t_pred + 1) * (i / (2 * shape.t_pred))) as f32 * 0.01;
+    // No two goals are equally good: the last bit does not choose between them.
+    let count = 12u16;
+    let ends = |mode: u16| {
+        let [x, y] = [mode * 37 % 23, mode * 17 % 7].map(f32::from);
+        [0.9 * (x - 11.) + 0.13 * f32::from(mode), 0.6 * (y - 3.) + 0.03 * f32::from(mode)]
+    };
+    let steps = || (1..=shape.t_pred).map(|step| step as f32 / shape.t_pred as f32);
+    let centre = |mode: u16| steps().flat_map(move |share| ends(mode).map(|end| end * share));
     let modes = Modes {
-        centres: (0..count * shape.t_pred * 2).map(step).collect(),
+        centres: (0..count).flat_map(centre).collect(),
         t_pred: shape.t_pred,
-        sizes: vec![1; count],
+        sizes: vec![1; count.into()],
         inertia: 0.,
         converged: true,
         abandoned: 0,

@@ -3,7 +3,8 @@
 use gnp_model::Gnp;
 use gnp_online::{Stream, StreamConfig, Tracked};
 
-use crate::model::{SHAPE, lines, model};
+use crate::SHAPE;
+use crate::model::{lines, model};
 
 fn drive(gnp: &Gnp, speed: f64) -> Vec<[f64; 2]> {
     let mut stream = Stream::new(gnp, lines(), StreamConfig::default()).unwrap();

@@ -5,7 +5,8 @@ use gnp_road::ReferenceLine;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::model::{SHAPE, lines, model};
+use crate::SHAPE;
+use crate::model::{lines, model};
 
 /// Three vehicles at constant speed: id, x at time 0, y, speed.
 const CARS: [(u64, f64, f64, f64); 3] = [(1, 0., 1.8, 30.), (2, 45., 1.8, 28.), (3, 20., 5.5, 33.)];

@@ -95,7 +95,7 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
     let (mut found, mut others): (Option<Recording>, Vec<String>) = (None, Vec::new());
     for source in &input.sources {
         machine.stop.check()?;
-        for (recording, _) in read_with(source, input.dataset, &question.tracks)? {
+        for (recording, report) in read_with(source, input.dataset, &question.tracks)? {
             let name = &recording.meta().name;
             let fits = question.recording.as_ref().is_none_or(|asked| asked == name)
                 && asked_for(question, &recording) != Some(None);
@@ -107,7 +107,11 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
                     earlier.meta().name,
                     if question.vehicle.is_none() { ", or name a vehicle" } else { "" }
                 ),
-                None => found = Some(recording),
+                None => {
+                    let remark = |remark: String| machine.progress.note(&format!("{name}: {remark}"));
+                    report.remarks().into_iter().for_each(remark);
+                    found = Some(recording);
+                }
             }
         }
     }

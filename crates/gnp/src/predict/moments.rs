@@ -5,7 +5,9 @@ use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-use gnp_data::{Account, Forecast, Observation, Past, PredictError, Predictor, Recording, Snapshot, WindowShape};
+use gnp_data::{
+    Account, Forecast, Observation, Past, PredictError, Predictor, Recording, Snapshot, Track, WindowShape,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, bail};
@@ -154,11 +156,13 @@ impl<'a> Moments<'a> {
         let Some(shape) = self.shape.at_rate(recording.meta().rate_hz) else {
             return Err(wrong_rate(recording, self.shape));
         };
-        let (all, tracks) = (recording.columns().x.len(), recording.tracks());
-        let there = tracks.iter().filter(|track| all > 0 && track.last_frame() >= asked.start);
+        let tracks = recording.tracks();
+        let in_part = |track: &&Track| track.last_frame() >= asked.start && track.first_frame < asked.end;
+        let there = tracks.iter().filter(in_part);
         let ends = there.fold(None, |ends: Option<[u32; 2]>, track| {
             let [first, last] = ends.unwrap_or([u32::MAX, 0]);
-            Some([first.min(track.first_frame.max(asked.start)), last.max(track.last_frame())])
+            let own = [track.first_frame.max(asked.start), track.last_frame().min(asked.end - 1)];
+            Some([first.min(own[0]), last.max(own[1])])
         });
         let Some([first, end]) = ends else {
             return Ok(Asked { shape, frames: Vec::new(), left_out: BTreeMap::new() });
@@ -342,4 +346,91 @@ pub(crate) fn span_s(recording: &Recording) -> [f64; 2] {
     let first = tracks.iter().map(|track| track.first_frame).min().unwrap_or(0);
     let last = tracks.iter().map(|track| track.last_frame()).max().unwrap_or(0);
     [first, last].map(|frame| recording.meta().time_s(frame))
+}
+
+#[cfg(test)]
+mod tests {
+    use gnp_data::{Columns, Dataset, RecordingMeta, Road};
+
+    use super::*;
+
+    const SHAPE: WindowShape = WindowShape { t_obs: 11, t_pred: 10, step: 1, rate_hz: 10. };
+
+    /// One vehicle in the frames 5 to 64 of 10 Hz, with a gap from 30 to 34; the clock begins at 100 s.
+    fn recording(rate_hz: f64) -> Recording {
+        let tracks = [(0, 5, 0..25), (1, 35, 25..55)].map(|(segment, first_frame, rows)| {
+            let mut track = Track::new(1, [4., 2.], first_frame, rows);
+            track.segment = segment;
+            track
+        });
+        let count = 55;
+        let columns = Columns {
+            x: (0..count).map(|i| i as f32).collect(),
+            y: vec![0.; count],
+            vx: vec![10.; count],
+            vy: vec![0.; count],
+            lane: vec![0; count],
+            neighbours: vec![[u32::MAX; 8]; count],
+            named_leader: None,
+        };
+        let meta = RecordingMeta::new(Dataset::NGSIM, "a", "a", rate_hz).with_start(100.);
+        let road = Road { driving_direction: 2, lines: Vec::new(), fitted: false, axis: None };
+        Recording::from_parts(meta, vec![road], tracks.to_vec(), columns).unwrap()
+    }
+
+    /// The frames of the parts together, and how many times are in none.
+    fn in_parts(at: &At, cuts: &[u32]) -> (Vec<u32>, usize, BTreeMap<Unpredicted, u64>) {
+        let (recording, mut moments) = (recording(10.), Moments::new(at, SHAPE));
+        let ends: Vec<u32> = cuts.iter().copied().chain([u32::MAX]).collect();
+        let (mut frames, mut nobody, mut from) = (Vec::new(), 0, 0);
+        for (i, end) in ends.iter().enumerate() {
+            let asked = moments.of(&recording, &(from..*end), i + 1 == ends.len()).unwrap();
+            nobody += asked.left_out.values().sum::<u64>() as usize;
+            frames.extend(asked.frames);
+            from = *end;
+        }
+        (frames, nobody, moments.outside())
+    }
+
+    #[test]
+    fn moments_do_not_depend_on_how_a_recording_is_cut() {
+        for (at, expected, nobody) in [
+            (At::Last, vec![64], 0),
+            (At::Every(0.9), vec![5, 14, 23, 41, 50, 59], 1),
+            (At::Every(100.), vec![5], 0),
+            (At::Times(vec![104.02, 101.5, 90., 107., 103.2]), vec![15, 40], 1),
+        ] {
+            for cuts in [&[][..], &[20], &[6, 21, 40, 41, 60]] {
+                let (frames, left, outside) = in_parts(&at, cuts);
+                assert_eq!((frames, left), (expected.clone(), nobody), "{at:?} {cuts:?}");
+                let expected = if matches!(at, At::Times(_)) { 2 } else { 0 };
+                assert_eq!(outside, counted(Unpredicted::OutsideRecording, expected), "{at:?} {cuts:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn whole_steps_are_taken_and_other_rates_refused() {
+        let asked = Asked::of(&recording(30.), &At::Last, SHAPE).unwrap();
+        assert_eq!((asked.shape.step, asked.shape.rate_hz), (3, 10.));
+        for rate_hz in [5., 15., 25.] {
+            let message = Asked::of(&recording(rate_hz), &At::Last, SHAPE).unwrap_err().to_string();
+            assert!(message.contains(&format!("{rate_hz} Hz")) && message.contains("10 Hz"), "{message}");
+        }
+    }
+
+    #[test]
+    fn times_are_read() {
+        for (text, expected) in [
+            ("last", At::Last),
+            ("every", At::Every(1.)),
+            ("12.5", At::Times(vec![12.5])),
+            (" -1, 2e3 ", At::Times(vec![-1., 2000.])),
+        ] {
+            assert_eq!(text.parse::<At>().unwrap(), expected);
+        }
+        for bad in ["", "soon", "1;2", "nan", "inf", "1,"] {
+            assert!(bad.parse::<At>().is_err(), "{bad}");
+        }
+    }
 }

@@ -33,7 +33,7 @@ pub(super) struct Output {
     pub(super) provenance: Provenance,
     /// Recordings that have a file, with the source that has them.
     names: Mutex<BTreeMap<String, String>>,
-    _lock: Lock,
+    lock: Lock,
 }
 
 /// A file of tracks as it was when it was read.
@@ -127,16 +127,14 @@ impl Output {
             lock => lock?,
         };
         let names = Mutex::default();
-        let output = Self { place: place.to_owned(), by_recording, parts, provenance, names, _lock: lock };
+        let output = Self { place: place.to_owned(), by_recording, parts, provenance, names, lock };
         sweep(&[output.parts.clone(), output.folder().to_owned()], machine);
         output.settle(job, machine)?;
         if by_recording {
             for source in &input.sources {
-                if let Some((note, done)) = output.note(input, source).and_then(|note| Some((note.files, note.done?))) {
-                    let key = key(input, source);
-                    done.left.iter().for_each(|(name, _)| drop(output.take_name(name, &key)));
-                    drop(note);
-                }
+                let done = output.note(input, source).and_then(|note| note.done);
+                let key = key(input, source);
+                done.iter().flat_map(|done| &done.left).try_for_each(|(name, _)| output.take_name(name, &key))?;
             }
         }
         Ok(output)
@@ -274,8 +272,8 @@ impl Output {
         let done = input.sources.iter().filter_map(|source| self.note(input, source)?.done);
         let parts: Vec<PathBuf> = done.flat_map(|done| done.left).map(|(name, _)| self.parts.join(name)).collect();
         join_forecasts(&parts, &self.place)?;
-        let Self { parts, _lock, .. } = self;
-        drop(_lock);
+        let Self { parts, lock, .. } = self;
+        drop(lock);
         fs::remove_dir_all(&parts).with_context(|| format!("cannot remove {}", parts.display()))
     }
 

@@ -1,11 +1,14 @@
 //! The work of a prediction, shared by several threads: each takes a piece of a recording, or reads the next file.
 
+use std::cmp::Ordering;
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-use gnp_data::{Part as FormatPart, PartSize, Past, Recording, Source, TrackOptions, WindowKey, format_of};
+use gnp_data::{
+    IngestReport, Part as FormatPart, PartSize, Past, Recording, Source, TrackOptions, WindowKey, format_of,
+};
 use gnp_eval::{ForecastOf, ForecastWriter};
 use gnp_model::Gnp;
 
@@ -18,6 +21,8 @@ use crate::progress::Work;
 
 /// Vehicles at a moment in a piece, at least: what is written as a group of rows and done again after a kill.
 const PIECE: usize = 512;
+/// Remarks on what was left out in reading that are made, at most.
+const REMARKS: usize = 24;
 /// Rows of a part of a recording that is read in parts, at most: some 100 MB while it is read.
 const PART_ROWS: usize = 1_000_000;
 /// Time before what a model looks back on that a part holds as well, s: velocities of its first rows need it.
@@ -74,6 +79,8 @@ struct State<'a> {
     reading: usize,
     failed: Option<Error>,
     counts: Counts,
+    /// What was left out or assumed in reading.
+    remarks: usize,
     /// Forecasts, of sources that are not finished, too.
     made: u64,
     finished_sources: usize,
@@ -266,6 +273,22 @@ impl<'a> Queue<'a> {
         Ok(())
     }
 
+    /// Says what was left out or assumed in reading, of the first recordings.
+    fn remark(&self, name: &str, report: &IngestReport, shared: &Shared<'a>) {
+        for remark in report.remarks() {
+            let said = {
+                let mut state = locked(&shared.state);
+                state.remarks += 1;
+                state.remarks
+            };
+            match said.cmp(&REMARKS) {
+                Ordering::Less => self.machine.progress.note(&format!("{name}: {remark}")),
+                Ordering::Equal => self.machine.progress.note("more is left out or assumed in other recordings"),
+                Ordering::Greater => {}
+            }
+        }
+    }
+
     fn finished(&self, counts: &Counts, name: &str, shared: &Shared<'a>) {
         let (done, made) = {
             let mut state = locked(&shared.state);
@@ -308,13 +331,14 @@ impl Reading<'_, '_> {
     }
 
     fn hand_out(&mut self, last: bool) -> Result<()> {
-        let Some(FormatPart { recording, asked, .. }) = self.held.take() else { return Ok(()) };
+        let Some(FormatPart { recording, report, asked, .. }) = self.held.take() else { return Ok(()) };
         let Queue { at, .. } = *self.queue;
         let name = recording.meta().name.clone();
         let (_, moments) = match &mut self.moments {
             Some(of) if of.0 == name => of,
             other => {
                 locked(&self.open.state).counts.recordings += 1;
+                self.queue.remark(&name, &report, self.shared);
                 other.insert((name, Moments::new(at, self.gnp.shape())))
             }
         };
