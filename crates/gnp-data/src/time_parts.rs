@@ -83,11 +83,13 @@ pub(crate) fn read(
     size: &PartSize,
     take: &mut dyn FnMut(Part) -> ControlFlow<()>,
 ) -> Result<(), DataError> {
-    let outline = Outline::of(file, source, options)?;
+    let mut outline = Outline::of(file, source, options)?;
     let stretches = stretches(&outline.seconds, size);
+    let whole = (outline.whole && stretches.len() <= 1).then(|| outline.head.clone());
+    outline.head = row::without_rows(outline.head);
     let mut parts = Parts { outline: &outline, stretches: &stretches, next: 0, given: 0, empty: None, take };
-    if outline.whole && stretches.len() <= 1 {
-        let _ = parts.give(outline.head.clone())?;
+    if let Some(whole) = whole {
+        let _ = parts.give(whole)?;
     } else if outline.ordered {
         in_order(file, size, &mut parts)?;
     } else {
@@ -189,11 +191,15 @@ struct Parts<'a> {
 
 impl Parts<'_> {
     /// Gives the next stretch, whose rows with those before them are `table`.
-    fn give(&mut self, table: TrackTable) -> Result<ControlFlow<()>, DataError> {
+    fn give(&mut self, mut table: TrackTable) -> Result<ControlFlow<()>, DataError> {
         let stretch = self.stretches[self.next].clone();
         self.next += 1;
         if table.is_empty() {
             return Ok(ControlFlow::Continue(()));
+        }
+        // What is left out of the file is told once.
+        if self.given == 0 && table.skipped_rows.is_empty() {
+            table.skipped_rows.clone_from(&self.outline.head.skipped_rows);
         }
         let layout = &self.outline.layout;
         let (recording, report) = match layout.recording(&table) {

@@ -88,11 +88,14 @@ impl Format for Sumo {
 
     fn sources(&self, found: &FoundFiles) -> Result<Vec<Source>, DataError> {
         let mut sources = found.one_per_file(self)?;
+        let mut types: BTreeMap<PathBuf, Vec<PathBuf>> = BTreeMap::new();
         for source in &mut sources {
             let file = source.file()?.to_owned();
             let recorded = head(&file)?.0.windows(RECORDED.len()).any(|at| at == RECORDED.as_bytes());
             source.simulated |= !recorded;
-            source.files.extend(found.beside(&file).filter(|it| has_types(it)).map(Path::to_owned));
+            let folder = file.parent().unwrap_or(Path::new("")).to_owned();
+            let beside = || found.beside(&file).filter(|it| has_types(it)).map(Path::to_owned).collect();
+            source.files.extend(types.entry(folder).or_insert_with(beside).iter().cloned());
         }
         Ok(sources)
     }

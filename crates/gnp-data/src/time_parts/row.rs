@@ -126,16 +126,16 @@ pub(super) fn only(table: &TrackTable, row: usize) -> TrackTable {
     one
 }
 
-/// A table without its rows: what it says of vehicles and of what is left out.
+/// A table without its rows and their memory: what it says of vehicles and of what is left out.
 pub(super) fn without_rows(mut table: TrackTable) -> TrackTable {
-    table.vehicle.clear();
-    for column in [&mut table.time_s, &mut table.x, &mut table.y] {
-        column.clear();
+    table.vehicle = Vec::new();
+    let given = table.velocity.iter_mut().flatten().chain(&mut table.speed).chain(&mut table.heading);
+    for column in [&mut table.time_s, &mut table.x, &mut table.y].into_iter().chain(given) {
+        *column = Vec::new();
     }
-    table.velocity.iter_mut().flatten().chain(&mut table.speed).chain(&mut table.heading).for_each(Vec::clear);
-    table.lane.iter_mut().for_each(Vec::clear);
+    table.lane = table.lane.map(|_| Vec::new());
     if let RowPlaces::Numbers { numbers, .. } = &mut table.places {
-        numbers.clear();
+        *numbers = Vec::new();
     }
     table
 }

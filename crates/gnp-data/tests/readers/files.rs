@@ -131,11 +131,6 @@ fn foreign() -> Vec<(&'static str, Vec<u8>, [&'static str; 2])> {
             ["pNEUMA", "streets"],
         ),
         (
-            "fcd.csv",
-            text("<?xml version=\"1.0\"?>\n<fcd-export>\n<timestep time=\"0\"/></fcd-export>\n"),
-            ["SUMO", "choose that dataset"],
-        ),
-        (
             "i24.csv",
             text("[{\"_id\": 1, \"road_segment_ids\": [1], \"x_position\": [1.0]}]"),
             ["I-24 MOTION", "docs/data.md"],

@@ -165,6 +165,9 @@ fn what_is_wrong_is_named_with_its_place() {
     let nobody = put(folder.path(), "fcd.xml", "<fcd-export>\n  <timestep time=\"0.00\"/>\n</fcd-export>\n");
     let error = read_all(&nobody, Dataset::SUMO).unwrap_err();
     assert!(matches!(error, DataError::Tracks { problem: TrackProblem::Empty, .. }), "{error}");
+    let mistaken = put(folder.path(), "fcd.csv", &csv(';'));
+    let error = read_all(&mistaken, Dataset::NGSIM).unwrap_err().to_string();
+    assert!(error.contains("SUMO FCD; choose that dataset"), "{error}");
     let other = put(folder.path(), "net.xml", "<net version=\"1.9\"><edge id=\"a\"/></net>");
     assert!(!format_of(Dataset::SUMO).unwrap().recognise(&other).unwrap());
 }

@@ -59,33 +59,33 @@ pub(super) struct Kind {
 
 /// SUMO's classes with the length and width in m that vehicles have there unless their type says otherwise. In this order:
 /// a type that no file describes is taken for the first class whose name is in its own.
-const CLASSES: [(&str, Option<VehicleClass>, [f32; 2]); 22] = [
-    ("motorcycle", Some(VehicleClass::Motorcycle), [2.2, 0.9]),
-    ("motorbike", Some(VehicleClass::Motorcycle), [2.2, 0.9]),
-    ("moped", Some(VehicleClass::Motorcycle), [2.1, 0.8]),
-    ("bicycle", None, [1.6, 0.65]),
-    ("pedestrian", None, [0.5, 0.5]),
-    ("rail", None, [100., 3.]),
-    ("tram", None, [22., 2.4]),
-    ("ship", None, [17., 4.]),
-    ("trailer", Some(VehicleClass::Truck), [16.5, 2.55]),
-    ("semi", Some(VehicleClass::Truck), [16.5, 2.55]),
-    ("coach", Some(VehicleClass::Truck), [14., 2.6]),
-    ("bus", Some(VehicleClass::Truck), [12., 2.5]),
-    ("truck", Some(VehicleClass::Truck), [7.1, 2.4]),
-    ("lorry", Some(VehicleClass::Truck), [7.1, 2.4]),
-    ("hgv", Some(VehicleClass::Truck), [7.1, 2.4]),
-    ("hdv", Some(VehicleClass::Truck), [7.1, 2.4]),
-    ("heavy", Some(VehicleClass::Truck), [7.1, 2.4]),
-    ("delivery", Some(VehicleClass::Car), [6.5, 2.16]),
-    ("emergency", Some(VehicleClass::Car), [6.5, 2.16]),
-    ("authority", Some(VehicleClass::Car), [5., 1.8]),
-    ("passenger", Some(VehicleClass::Car), [5., 1.8]),
-    ("car", Some(VehicleClass::Car), [5., 1.8]),
+const CLASSES: [(&str, VehicleClass, [f32; 2]); 18] = [
+    ("motorcycle", VehicleClass::Motorcycle, [2.2, 0.9]),
+    ("motorbike", VehicleClass::Motorcycle, [2.2, 0.9]),
+    ("moped", VehicleClass::Motorcycle, [2.1, 0.8]),
+    ("trailer", VehicleClass::Truck, [16.5, 2.55]),
+    ("semi", VehicleClass::Truck, [16.5, 2.55]),
+    ("coach", VehicleClass::Truck, [14., 2.6]),
+    ("bus", VehicleClass::Truck, [12., 2.5]),
+    ("truck", VehicleClass::Truck, [7.1, 2.4]),
+    ("lorry", VehicleClass::Truck, [7.1, 2.4]),
+    ("hgv", VehicleClass::Truck, [7.1, 2.4]),
+    ("hdv", VehicleClass::Truck, [7.1, 2.4]),
+    ("heavy", VehicleClass::Truck, [7.1, 2.4]),
+    ("delivery", VehicleClass::Car, [6.5, 2.16]),
+    ("emergency", VehicleClass::Car, [6.5, 2.16]),
+    ("authority", VehicleClass::Car, [5., 1.8]),
+    ("passenger", VehicleClass::Car, [5., 1.8]),
+    ("private", VehicleClass::Car, [5., 1.8]),
+    ("car", VehicleClass::Car, [5., 1.8]),
 ];
 
+/// Words of types and classes that do not drive on motorways, each between what is no letter.
+const OTHERS: [&str; 10] =
+    ["bicycle", "bike", "biketype", "pedestrian", "pedtype", "rail", "railtype", "tram", "ship", "subway"];
+
 /// What SUMO takes a vehicle for whose type says nothing.
-const PASSENGER: (Option<VehicleClass>, [f32; 2]) = (Some(VehicleClass::Car), [5., 1.8]);
+const PASSENGER: (VehicleClass, [f32; 2]) = (VehicleClass::Car, [5., 1.8]);
 
 /// The types of vehicles that files describe.
 #[derive(Clone, Debug, Default)]
@@ -100,7 +100,7 @@ impl Types {
         Elements::open(file)?.each(|element| {
             if element.is("vType") {
                 let [id, class, length, width] = element.attributes(["id", "vClass", "length", "width"])?;
-                let (class, [usual_length, usual_width]) = class.map_or(PASSENGER, |class| by_name(&class));
+                let (class, [usual_length, usual_width]) = by_name(class.as_deref().unwrap_or("passenger"));
                 let size = |name: &str, text: Option<String>, usual: f32| {
                     text.map_or(Ok(usual), |text| element.number(name, &text).map(|value| value as f32))
                 };
@@ -123,8 +123,10 @@ impl Types {
 
 fn by_name(name: &str) -> (Option<VehicleClass>, [f32; 2]) {
     let name = name.to_ascii_lowercase();
+    let other = name.split(|c: char| !c.is_ascii_alphabetic()).any(|word| OTHERS.contains(&word));
     let known = CLASSES.iter().find(|(word, ..)| name.contains(word));
-    known.map_or(PASSENGER, |(_, class, size)| (*class, *size))
+    let (class, size) = known.map_or(PASSENGER, |(_, class, size)| (*class, *size));
+    ((!other).then_some(class), size)
 }
 
 #[cfg(test)]
@@ -160,7 +162,10 @@ mod tests {
         assert_eq!(kind("c"), (Some(VehicleClass::Car), [5., 1.8], true));
         assert_eq!(kind("DEFAULT_VEHTYPE"), (Some(VehicleClass::Car), [5., 1.8], false));
         assert_eq!(kind("Motorbike1"), (Some(VehicleClass::Motorcycle), [2.2, 0.9], false));
-        assert_eq!(kind("fast_bicycle").0, None);
+        for other in ["fast_bicycle", "DEFAULT_BIKETYPE", "rail_urban", "tram"] {
+            assert_eq!(kind(other).0, None, "{other}");
+        }
+        assert_eq!(kind("trailer").0, Some(VehicleClass::Truck));
         std::fs::write(&file, "<additional>\n<vType id=\"a\" length=\"x\"/></additional>").unwrap();
         let error = Types::default().read(&file).unwrap_err().to_string();
         assert!(error.contains("line 2") && error.contains("`length`"), "{error}");
