@@ -10,6 +10,7 @@ mod predictions;
 mod recording;
 mod scene;
 mod split;
+mod stream;
 mod table_text;
 mod tracks;
 
@@ -27,6 +28,7 @@ pub const TARGETS: &[Target] = &[
     recording::TARGET,
     scene::TARGET,
     split::TARGET,
+    stream::TARGET,
     table_text::TARGET,
     tracks::TARGET,
 ];
@@ -68,5 +70,5 @@ mod tests {
         };
     }
 
-    replays!(checkpoint configuration fcd highd live ngsim predictions recording scene split table_text tracks);
+    replays!(checkpoint configuration fcd highd live ngsim predictions recording scene split stream table_text tracks);
 }
