@@ -44,9 +44,11 @@ impl Sample {
 
 /// The vehicles of one carriageway up to now, and what a predictor may see of them.
 ///
+/// One prediction of a scene whose samples lie at regular times; frames of tracks that go on and on, at any times, are
+/// the business of a `Stream` of gnp-online.
+///
 /// Positions are in a road frame of your own: x forward along the road, y to the left, m, within the bounds of
-/// [`limits`]. Lanes
-/// follow from the lane lines, neighbours from lanes and positions ([`find_neighbours`](crate::find_neighbours)).
+/// [`limits`]. Lanes follow from the lane lines, neighbours from lanes and positions ([`find_neighbours`](crate::find_neighbours)).
 /// Velocities are given with all samples or with none; where they are given, each vehicle's own is
 /// used from its first sample on, otherwise they are differences of positions.
 ///

@@ -166,7 +166,11 @@ fn descriptions_name_columns_and_units() {
     let names: Vec<&str> = FORMATS.iter().map(|format| format.title()).collect();
     assert_eq!(
         names,
-        if cfg!(feature = "readers") { &["NGSIM", "highD", "Plain tracks", "Argoverse 2", "SUMO FCD"][..] } else { &[] }
+        if cfg!(feature = "readers") {
+            &["NGSIM", "highD", "Plain tracks", "Argoverse 2", "SUMO FCD"][..]
+        } else {
+            &[]
+        }
     );
     for format in FORMATS {
         assert!(describe(*format).starts_with(format.title()) && format.rate_hz() > 0.);

@@ -11,6 +11,7 @@ mod recording;
 mod road;
 mod scene;
 mod split;
+mod stream;
 mod table_text;
 mod tracks;
 
@@ -29,6 +30,7 @@ pub const TARGETS: &[Target] = &[
     road::TARGET,
     scene::TARGET,
     split::TARGET,
+    stream::TARGET,
     table_text::TARGET,
     tracks::TARGET,
 ];
@@ -70,5 +72,7 @@ mod tests {
         };
     }
 
-    replays!(checkpoint configuration fcd highd live ngsim predictions recording road scene split table_text tracks);
+    replays!(
+        checkpoint configuration fcd highd live ngsim predictions recording road scene split stream table_text tracks
+    );
 }

@@ -48,7 +48,8 @@ fn a_configuration_that_comes_with_the_program_has_a_name_everywhere() {
     // It is found: what is missing is the data.
     from("paper/highd").badly(&["gone"]);
     from("smoke").badly(&["gone"]);
-    from("configs/ngsim.toml").badly(&["there is no file configs/ngsim.toml", "ngsim, highd, smoke, pretrained/ngsim, paper/ngsim"]);
+    from("configs/ngsim.toml")
+        .badly(&["there is no file configs/ngsim.toml", "ngsim, highd, smoke, pretrained/ngsim, paper/ngsim"]);
 }
 
 /// In milliseconds, before anything is read: the folder of data does not even exist.
