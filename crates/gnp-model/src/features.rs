@@ -4,16 +4,14 @@ use std::ops::Range;
 
 use candle_core::{Device, Tensor};
 use gnp_baselines::{PlatoonRoom, PlatoonRule};
-use gnp_data::{
-    DataError, LaneMarking, MarkingKind, Observation, SLOTS, Slot, Standardiser, TrackState, Window, WindowShape,
-};
+use gnp_data::{DataError, Observation, SLOTS, Slot, Standardiser, Window, WindowShape};
 use gnp_goal::GoalShape;
 use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
 use serde::{Deserialize, Serialize};
 
 use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
 use crate::error::ModelError;
-use crate::following;
+use crate::rows::{SeenStates, neighbour_row, neighbour_width, observed_row};
 use crate::situation::{Following, ReferencePath, Situation};
 
 /// In which quantities the goal network sees motion.
@@ -117,7 +115,7 @@ impl FeatureConfig {
     }
 
     /// Frames of each step of the history, from the earliest; every one ends before the next begins.
-    fn blocks(&self, shape: WindowShape) -> impl Iterator<Item = Range<usize>> + use<> {
+    pub(crate) fn blocks(&self, shape: WindowShape) -> impl Iterator<Item = Range<usize>> + use<> {
         let frames = ((self.history_block_s * shape.rate_hz).round() as usize).clamp(1, shape.t_obs);
         let left_over = shape.t_obs % frames;
         (left_over..shape.t_obs).step_by(frames).map(move |from| from..from + frames)
@@ -126,9 +124,6 @@ impl FeatureConfig {
 
 /// The slots ahead, whose leaders may be seen, too.
 const AHEAD: [Slot; 3] = [Slot::Preceding, Slot::LeftPreceding, Slot::RightPreceding];
-
-/// Farthest lane line that is an input of the goal network, m.
-const LINE_REACH: f32 = 6.;
 
 /// What the goal network takes.
 #[derive(Clone, Debug)]
@@ -152,13 +147,6 @@ pub(crate) struct WindowInputs {
     pub(crate) present: Vec<bool>,
     row: Vec<f32>,
     states: SeenStates,
-}
-
-/// States by observed frame of the target, and of another vehicle.
-#[derive(Debug, Default)]
-struct SeenStates {
-    own: Vec<TrackState>,
-    other: Vec<Option<TrackState>>,
 }
 
 /// Turns windows into network inputs; holds the statistics of the training part.
@@ -443,109 +431,6 @@ fn situation<'a>(
     Ok(Situation::behind(Following { traffic, motion }, seen, vy))
 }
 
-impl SeenStates {
-    fn of_target(situation: &Situation<'_>) -> Self {
-        let mut states = Self::default();
-        states.take_target(situation);
-        states
-    }
-
-    fn take_target(&mut self, situation: &Situation<'_>) {
-        let seen = &situation.seen;
-        self.own.clear();
-        self.own.extend((0..seen.observation().shape().t_obs).map(|i| seen.target(i)));
-    }
-}
-
-/// Appends the features of the target, before standardising.
-fn observed_row(config: &FeatureConfig, situation: &Situation<'_>, states: &SeenStates, row: &mut Vec<f32>) {
-    let (seen, velocity, own) = (&situation.seen, situation.velocity, &states.own);
-    let shape = seen.observation().shape();
-    for block in config.blocks(shape) {
-        row.extend(mean(block, |i| {
-            let state = own[i];
-            let t = (shape.t_obs - 1 - i) as f32 * shape.dt() as f32;
-            Some(match config.representation {
-                Representation::Position => [state.x, state.y, state.vx, state.vy],
-                Representation::Deviation => [
-                    state.x + velocity[0] * t,
-                    state.y + velocity[1] * t,
-                    state.vx - velocity[0],
-                    state.vy - velocity[1],
-                ],
-            })
-        }));
-    }
-    if config.representation == Representation::Deviation {
-        row.extend(velocity);
-        row.extend(seen.observation().size());
-        row.extend(nearest_lines(seen));
-    }
-    if config.car_following_features {
-        row.extend(following::hint(situation, config.velocity_window_s));
-    }
-}
-
-/// Mean over the frames of a block in which there is a value; zeros where there is none.
-fn mean<const N: usize>(block: Range<usize>, value: impl Fn(usize) -> Option<[f32; N]>) -> [f32; N] {
-    let (mut sum, mut count) = ([0f32; N], 0u16);
-    for value in block.filter_map(value) {
-        sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += value);
-        count += 1;
-    }
-    sum.map(|sum| sum / f32::from(count.max(1)))
-}
-
-/// Distance to the nearest line on the right and on the left, and whether each is a boundary.
-fn nearest_lines(seen: &AugmentedView<'_>) -> [f32; 4] {
-    let right = seen.lines().filter(|line| line.y <= 0.).last();
-    let left = seen.lines().find(|line| line.y > 0.);
-    let distance = |line: Option<LaneMarking>| line.map_or(LINE_REACH, |line| line.y.abs().min(LINE_REACH));
-    let edge = |line: Option<LaneMarking>| f32::from(line.is_none_or(|line| line.kind == MarkingKind::Boundary));
-    [distance(right), distance(left), edge(right), edge(left)]
-}
-
-fn neighbour_width(config: &FeatureConfig, shape: WindowShape) -> usize {
-    let steps = config.blocks(shape).count();
-    match config.representation {
-        Representation::Position => 4 * steps,
-        Representation::Deviation => 5 * steps + 2,
-    }
-}
-
-/// Appends the features of another vehicle, before standardising; zeros in steps without it.
-fn neighbour_row(
-    config: &FeatureConfig,
-    situation: &Situation<'_>,
-    neighbour: &AugmentedNeighbour<'_>,
-    states: &mut SeenStates,
-    row: &mut Vec<f32>,
-) {
-    let (shape, velocity) = (situation.seen.observation().shape(), situation.velocity);
-    let SeenStates { own, other: states } = states;
-    states.clear();
-    states.extend((0..shape.t_obs).map(|i| neighbour.state(i)));
-    for block in config.blocks(shape) {
-        match config.representation {
-            Representation::Position => {
-                row.extend(mean(block, |i| states[i].map(|state| [state.x, state.y, state.vx, state.vy])));
-            }
-            Representation::Deviation => {
-                let frames = block.len() as f32;
-                let present = block.clone().filter(|i| states[*i].is_some()).count() as f32;
-                row.extend(mean(block, |i| {
-                    let (state, own) = (states[i]?, own[i]);
-                    Some([state.x - own.x, state.y - own.y, state.vx - velocity[0], state.vy - velocity[1]])
-                }));
-                row.push(present / frames);
-            }
-        }
-    }
-    if config.representation == Representation::Deviation {
-        row.extend(neighbour.size());
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -571,12 +456,5 @@ mod tests {
         assert_eq!(blocks(0., 4), [0..1, 1..2, 2..3, 3..4]);
         assert_eq!(blocks(0.3, 7), [1..4, 4..7], "the first frame is left over");
         assert_eq!(blocks(9., 7), vec![Range { start: 0, end: 7 }], "no longer than the past");
-    }
-
-    #[test]
-    fn a_step_is_the_mean_of_the_frames_with_a_value() {
-        let value = |i: usize| (i != 2).then_some([i as f32, -1.]);
-        assert_eq!(mean(1..5, value), [(1. + 3. + 4.) / 3., -1.]);
-        assert_eq!(mean(2..3, value), [0., 0.]);
     }
 }

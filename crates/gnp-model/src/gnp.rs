@@ -6,8 +6,7 @@ use std::sync::Arc;
 use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
 use gnp_data::{
-    Explanation, Forecast, Mode, Observation, OraclePredictor, PredictError, Predictor, TermForces, Truth, Window,
-    WindowShape, nearest_to_mean,
+    Explanation, Forecast, Mode, Observation, PredictError, Predictor, TermForces, Truth, WindowShape, nearest_to_mean,
 };
 use gnp_goal::{GoalNet, PackedGoalNet};
 use gnp_modes::{Modes, from_mode_frame};
@@ -24,12 +23,14 @@ use crate::features::Features;
 use crate::scene::NeighbourFuture;
 use crate::select::{Selection, medoids};
 use crate::situation::{ReferencePath, Situation};
+use crate::variants::{GoalHead, Oracle, TrueGoal};
 
 /// A trained GNP. A clone is cheap and shares the networks.
 ///
 /// Calls from several threads are safe, but all share rayon's global pool: two plain threads that each
 /// call [`predict`](Predictor::predict) wait for each other's work and take longer a call than one
-/// alone. Give each a predictor with threads of its own by [`Gnp::with_threads`].
+/// alone. Give each a predictor with threads of its own by [`Gnp::with_threads`], or call [`Gnp::predict_into`], which
+/// works on the caller's thread.
 ///
 /// The number of threads and their timing never reach a result. The windows of one call do, by rounding: the
 /// matrix products of the goal network sum in another order for another number of rows, so that a
@@ -355,7 +356,7 @@ impl Gnp {
         Ok(out)
     }
 
-    fn forecast(
+    pub(crate) fn forecast(
         &self,
         observations: &[Observation<'_>],
         truths: Option<&[Truth<'_>]>,
@@ -378,7 +379,7 @@ impl Gnp {
     }
 
     /// Does `work` on the predictor's own threads, where it has some.
-    fn on_threads<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+    pub(crate) fn on_threads<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match &self.pool {
             Some(pool) => pool.install(work),
             None => work(),
@@ -447,7 +448,7 @@ pub(crate) fn end_points(goals: &Goals, device: &Device) -> Result<Tensor, Model
     Ok(Tensor::from_vec(ends, (goals.futures.len(), k, 2), device)?)
 }
 
-fn plain(goals: Goals) -> Vec<Forecast> {
+pub(crate) fn plain(goals: Goals) -> Vec<Forecast> {
     let windows = goals.futures.into_iter().zip(goals.probabilities);
     windows
         .map(|(paths, probabilities)| Forecast {
@@ -523,7 +524,7 @@ pub(crate) fn predict_error(model: &str, error: ModelError) -> PredictError {
 }
 
 /// Refuses what weights give that are finite and of no trained model.
-fn finite(forecasts: Vec<Forecast>) -> Result<Vec<Forecast>, ModelError> {
+pub(crate) fn finite(forecasts: Vec<Forecast>) -> Result<Vec<Forecast>, ModelError> {
     let wrong = |mode: &Mode| !mode.probability.is_finite() || mode.path.iter().flatten().any(|x| !x.is_finite());
     match forecasts.iter().position(|forecast| forecast.modes.iter().any(wrong)) {
         Some(window) => Err(ModelError::NotFinite { window }),
@@ -538,64 +539,5 @@ impl Predictor for Gnp {
 
     fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
         self.forecast(observations, None, k).map_err(|e| predict_error(self.name, e))
-    }
-}
-
-/// The goal network's own futures, without physics: what the force adds is seen beside it.
-#[derive(Clone, Debug)]
-pub struct GoalHead {
-    gnp: Gnp,
-}
-
-impl Predictor for GoalHead {
-    fn name(&self) -> &str {
-        "goal head"
-    }
-
-    fn predict(&self, observations: &[Observation<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        if observations.is_empty() {
-            return Ok(Vec::new());
-        }
-        let goals = || {
-            let situations = self.gnp.situations(observations)?;
-            self.gnp.trained.thread.run(|| self.gnp.goals(&situations, k))
-        };
-        self.gnp.on_threads(goals).map(plain).and_then(finite).map_err(|e| predict_error(self.name(), e))
-    }
-}
-
-/// GNP with the recorded future of its neighbours.
-#[derive(Clone, Debug)]
-pub struct Oracle {
-    gnp: Gnp,
-}
-
-impl OraclePredictor for Oracle {
-    fn name(&self) -> &str {
-        "gnp (oracle neighbours)"
-    }
-
-    fn predict_with_future(&self, windows: &[Window<'_>], k: usize) -> Result<Vec<Forecast>, PredictError> {
-        let observations: Vec<_> = windows.iter().map(Window::observation).collect();
-        let truths: Vec<_> = windows.iter().map(Window::truth).collect();
-        self.gnp.forecast(&observations, Some(&truths), k).map_err(|e| predict_error(self.name(), e))
-    }
-}
-
-/// GNP with the recorded end of its target as its one goal.
-#[derive(Clone, Debug)]
-pub struct TrueGoal {
-    gnp: Gnp,
-}
-
-impl OraclePredictor for TrueGoal {
-    fn name(&self) -> &str {
-        "gnp (true goal)"
-    }
-
-    fn predict_with_future(&self, windows: &[Window<'_>], _: usize) -> Result<Vec<Forecast>, PredictError> {
-        let observations: Vec<_> = windows.iter().map(Window::observation).collect();
-        let goals: Vec<_> = windows.iter().map(|window| vec![window.truth().goal()]).collect();
-        self.gnp.predict_towards(&observations, &goals)
     }
 }

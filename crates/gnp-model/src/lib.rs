@@ -2,7 +2,8 @@
 //!
 //! [`Gnp::open`] reads a model folder, [`ModelFolder`], and [`Gnp::load`] the same weights (modes, goal network, social
 //! force) of a run folder; both give a [`gnp_data::Predictor`]. [`Features`] turns windows into what the networks take, the same for
-//! training and prediction. [`Checkpoint`] is the file format of the weights.
+//! training and prediction. [`Gnp::predict_into`] predicts frame after frame on the caller's thread without allocations.
+//! [`Checkpoint`] is the file format of the weights.
 
 mod augmented_view;
 mod card;
@@ -16,10 +17,12 @@ mod forecasts;
 mod gnp;
 mod joint;
 mod predict_into;
+mod rows;
 mod scene;
 mod select;
 mod situation;
 mod trust;
+mod variants;
 
 pub use crate::augmented_view::{AugmentedNeighbour, AugmentedView};
 pub use crate::card::{
@@ -30,10 +33,11 @@ pub use crate::error::ModelError;
 pub use crate::features::{FeatureConfig, Features, GoalInputs, Representation, SeenNeighbours};
 pub use crate::folder::ModelFolder;
 pub use crate::forecasts::{Forecasts, TermTotals};
-pub use crate::gnp::{Gnp, GoalHead, Oracle, TrueGoal};
+pub use crate::gnp::Gnp;
 pub use crate::predict_into::Workspace;
 pub use crate::scene::{NeighbourFuture, NeighbourInput};
 pub use crate::select::Selection;
 pub use crate::situation::{ReferencePath, Situation};
 pub use crate::trust::Trust;
+pub use crate::variants::{GoalHead, Oracle, TrueGoal};
 pub use candle_core::Device;
