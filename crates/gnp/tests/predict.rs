@@ -1,6 +1,6 @@
 //! Forecasts of tracks: equal to the model's, the same bytes however the work is shared out or interrupted.
 
-#![allow(clippy::unwrap_used)] // also outside the test functions
+#![allow(clippy::unwrap_used, clippy::panic, clippy::result_large_err)] // also outside the test functions
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};

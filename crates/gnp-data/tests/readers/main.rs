@@ -1,6 +1,6 @@
 //! The readers, from files to recordings: every layout, every quirk, every kind of bad input.
 
-#![allow(clippy::unwrap_used)] // also outside the test functions
+#![allow(clippy::unwrap_used, clippy::panic)] // also outside the test functions
 
 mod bad_input;
 mod cache;

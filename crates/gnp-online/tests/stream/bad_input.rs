@@ -112,7 +112,7 @@ fn off_the_road_is_not_on_it() {
 
 #[test]
 fn ten_thousand_vehicles_are_predicted_or_told() {
-    let at = |i: u32| [f64::from(i / 2) * 15., if i % 2 == 0 { 1.8 } else { 5.5 }];
+    let at = |i: u32| [f64::from(i / 2) * 15., if i.is_multiple_of(2) { 1.8 } else { 5.5 }];
     let tracks: Vec<Tracked> =
         (0..10_000).map(|i| Tracked::new(u64::from(i) * 7919 % 10_007, at(i)).with_velocity([25., 0.])).collect();
     let gnp = model(SHORT).explaining(false);

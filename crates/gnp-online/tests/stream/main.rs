@@ -1,6 +1,6 @@
 //! Streams of tracks, from frames to forecasts.
 
-#![allow(clippy::unwrap_used)] // also outside the test functions
+#![allow(clippy::unwrap_used, clippy::panic)] // also outside the test functions
 
 mod bad_input;
 mod batch;

@@ -80,7 +80,7 @@ fn a_junction_is_refused_and_other_files_are_told_apart() {
     let mut junction = traffic(0., 10., 110);
     for i in 0..junction.len() {
         // Half of them turn left within the scenario.
-        let (at, turns) = ((junction.x[i] - 120.) / 40., junction.vehicle[i] % 2 == 0);
+        let (at, turns) = ((junction.x[i] - 120.) / 40., junction.vehicle[i].is_multiple_of(2));
         if turns && at > 0. {
             let angle = at.min(std::f64::consts::FRAC_PI_2);
             let rest = (at - angle) * 40.;
