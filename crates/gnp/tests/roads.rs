@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use gnp::{Machine, PredictRequest};
 use gnp_data::{
-    DataError, Dataset, Expectation, Predictor as _, Recording, TrackOptions, TrackTable, VehicleClass, Window,
+    DataError, Dataset, Expectation, Predictor as _, Recording, Track, TrackOptions, TrackTable, VehicleClass, Window,
     discover, read,
 };
 use gnp_road::ReferenceLine;
@@ -81,11 +81,11 @@ fn a_scene_on_an_arc_is_predicted_as_on_the_straight() {
     assert_eq!(straight.columns().neighbours, bent.columns().neighbours);
 
     let gnp = gnp_pretrained::ngsim().unwrap();
-    let now = straight.tracks().iter().map(|track| track.first_frame).max().unwrap() + gnp.shape().t_obs as u32;
     let windows = |recording| -> Vec<Window<'_>> {
         let all = Recording::tracks(recording).iter().enumerate();
-        let rows = all.filter_map(|(index, track)| Some((index, track.row_at(now)?)));
-        rows.filter_map(|(index, row)| Window::new(recording, gnp.shape(), index, row).ok()).collect()
+        // The first window of each track.
+        let first = |track: &Track| track.rows.start + gnp.shape().t_obs - 1;
+        all.filter_map(|(index, track)| Window::new(recording, gnp.shape(), index, first(track)).ok()).collect()
     };
     let (on_straight, on_bend) = (windows(&straight), windows(&bent));
     assert!(on_straight.len() > 5 && on_straight.len() == on_bend.len(), "{}", on_straight.len());

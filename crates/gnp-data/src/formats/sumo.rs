@@ -67,7 +67,7 @@ impl Format for Sumo {
 
     fn schema(&self) -> Schema {
         Schema::new(
-            "Floating car data (FCD) of SUMO: `sumo --fcd-output FILE` with FILE ending with .xml, .xml.gz, .csv, .csv.gz or \
+            "SUMO FCD, floating car data: what `sumo --fcd-output FILE` writes, with FILE ending with .xml, .xml.gz, .csv, .csv.gz or \
              .parquet, or a table that SUMO's xml2csv made of one.\n\
              Rate: 1 / --step-length; run SUMO with --step-length 0.1 or 0.2.\n",
             vec![TableSchema::new("Columns read, which are the attributes `time`, `id`, `x`, ... in XML", &READ)],

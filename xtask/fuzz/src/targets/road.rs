@@ -51,7 +51,10 @@ fn run(scratch: &Scratch, input: &[u8]) -> Result<(), Finding> {
     // Steps of a walk, so that lines are found among them.
     let mut bytes = Unstructured::new(rest);
     let (mut points, mut at) = (Vec::new(), [0.; 2]);
-    while let Ok([length, turn]) = bytes.arbitrary::<[u8; 2]>() {
+    // Of nothing left it makes zeros without end.
+    while !bytes.is_empty()
+        && let Ok([length, turn]) = bytes.arbitrary::<[u8; 2]>()
+    {
         points.push(at);
         let angle = f64::from(turn) / 256. - 0.5;
         at = [at[0] + f64::from(length) * angle.cos(), at[1] + f64::from(length) * angle.sin()];

@@ -1,3 +1,5 @@
+//! Argoverse 2 scenarios.
+
 use std::path::Path;
 
 use gnp_data::{VehicleClass, VelocitySource};

@@ -1,3 +1,5 @@
+//! Tables of tracks that are refused, or believed in part.
+
 use super::*;
 
 #[test]

@@ -1,3 +1,5 @@
+//! Plain tracks from files.
+
 use std::path::{Path, PathBuf};
 
 use gnp_data::{VehicleClass, VelocitySource, discover, read_with};

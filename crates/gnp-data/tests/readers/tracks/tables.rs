@@ -1,3 +1,5 @@
+//! Tables of tracks: rate, names, carriageways, lanes, sizes.
+
 use gnp_data::{LaneMarking, LaneNumbers, Slot, VehicleClass, VelocitySource};
 use gnp_road::ReferenceLine;
 
