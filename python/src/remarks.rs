@@ -19,6 +19,7 @@ impl Remarks {
         // What was left out comes first, a sentence a reason.
         let left_out = report.skipped_rows.len() + report.vehicles_left_out.len();
         let notes = remarks.split_off(left_out.min(remarks.len()));
+        self.left_out.extend(report.repeated_rows());
         self.left_out.extend(remarks);
         self.notes.extend(notes);
     }

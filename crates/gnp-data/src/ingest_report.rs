@@ -174,6 +174,19 @@ impl IngestReport {
         remarks.extend(self.notes.iter().cloned());
         remarks
     }
+
+    /// What a table of recordings has in columns: rows that came twice; a sentence each. For who shows no table.
+    #[must_use]
+    pub fn repeated_rows(&self) -> Vec<String> {
+        let rows = |n: u64| if n == 1 { "1 row tells".to_owned() } else { format!("{n} rows tell") };
+        let duplicates = format!("{} of a vehicle and time again what another one tells", rows(self.duplicates));
+        let conflicts = format!(
+            "{} of a vehicle and time something else than an earlier one, which is taken",
+            rows(self.conflicts)
+        );
+        let said = [(self.duplicates, duplicates), (self.conflicts, conflicts)];
+        said.into_iter().filter_map(|(count, sentence)| (count > 0).then_some(sentence)).collect()
+    }
 }
 
 /// Rows faster than [`JUMP_SPEED`] or accelerating above [`JUMP_ACCELERATION`].

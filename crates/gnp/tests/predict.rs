@@ -308,7 +308,8 @@ fn a_moment_of_tracks_is_explained() {
         Some(recording.state(track.row_at(frame)?))
     };
     assert!(state(explained.key.t0).is_some());
-    assert!(ask(Some("99999"), None).unwrap_err().to_string().contains("no recording with a vehicle 99999"));
+    let unknown = ask(Some("99999"), None).unwrap_err().to_string();
+    assert!(unknown.contains("no recording with a vehicle 99999; there are us101-24_1 (vehicles "), "{unknown}");
     assert!(ask(None, Some(1e4)).unwrap_err().to_string().contains("which goes from"));
 }
 

@@ -31,6 +31,8 @@ fn repeated_and_missing_rows_are_counted() {
         rows.remove(30);
     });
     assert_eq!((q.duplicates, q.conflicts, q.gaps), (1, 1, 1));
+    let said = q.repeated_rows();
+    assert!(said.len() == 2 && said[0].contains("again") && said[1].starts_with("1 row tells"), "{said:?}");
     assert_eq!((q.rows_read, q.rows, q.tracks), (181, 179, 4));
 }
 

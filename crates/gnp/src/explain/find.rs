@@ -12,7 +12,7 @@ use crate::run::Run;
 /// Most forecasts that are made to choose one; of more, every n-th is.
 const MOST: usize = 500;
 /// Most numbers that a message lists.
-const LISTED: usize = 24;
+pub(super) const LISTED: usize = 24;
 
 /// Of the moments that fit the question, the one in which a leader moves the vehicle most.
 pub(super) fn moment<'a>(run: &'a Run, gnp: &Gnp, question: &Question) -> Result<Moment<'a>> {

@@ -1,5 +1,7 @@
 //! A forecast of tracks explained: no run, no recorded future.
 
+use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use gnp_data::{Dataset, Predictor as _, Recording, Snapshot, TrackOptions, WindowShape, read_with};
@@ -100,6 +102,13 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
             let fits = question.recording.as_ref().is_none_or(|asked| asked == name)
                 && asked_for(question, &recording) != Some(None);
             match &found {
+                _ if !fits && question.vehicle.is_some() => {
+                    let names: BTreeSet<Cow<'_, str>> =
+                        recording.tracks().iter().map(|track| recording.vehicle_name(track.vehicle)).collect();
+                    let some: Vec<&str> = names.iter().take(find::LISTED).map(AsRef::as_ref).collect();
+                    let more = if names.len() > some.len() { " and others" } else { "" };
+                    others.push(format!("{name} (vehicles {}{more})", some.join(", ")));
+                }
                 _ if !fits => others.push(name.clone()),
                 Some(earlier) => bail!(
                     Recordings,
@@ -109,7 +118,7 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
                 ),
                 None => {
                     let remark = |remark: String| machine.progress.note(&format!("{name}: {remark}"));
-                    report.remarks().into_iter().for_each(remark);
+                    report.repeated_rows().into_iter().chain(report.remarks()).for_each(remark);
                     found = Some(recording);
                 }
             }

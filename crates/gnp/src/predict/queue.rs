@@ -275,7 +275,7 @@ impl<'a> Queue<'a> {
 
     /// Says what was left out or assumed in reading, of the first recordings.
     fn remark(&self, name: &str, report: &IngestReport, shared: &Shared<'a>) {
-        for remark in report.remarks() {
+        for remark in report.repeated_rows().into_iter().chain(report.remarks()) {
             let said = {
                 let mut state = locked(&shared.state);
                 state.remarks += 1;
