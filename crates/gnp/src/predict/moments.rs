@@ -255,7 +255,7 @@ impl Asked {
 /// Predicts every vehicle at the asked moments, by moment and then in the order of the recording's tracks, and hands each
 /// forecast on. Returns why vehicles at a moment were not predicted, and moments.
 ///
-/// Windows are predicted [`BATCH`] at a time across moments; the last bits of a forecast depend on that, and so on
+/// Windows are predicted many at a time across moments; the last bits of a forecast depend on that, and so on
 /// what is asked, never on threads.
 ///
 /// # Errors
