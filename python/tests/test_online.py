@@ -74,9 +74,10 @@ def test_what_cannot_be_is_refused(tracks, model):
         stream.push(2.0, {"id": [1], "x": [0.0]})
     with pytest.raises(gnp.TracksError, match="whole"):
         stream.push(2.0, {"id": ["a"], "x": [0.0], "y": [0.0]})
-    with pytest.raises(ValueError, match="feet"):
+    # Feet are no metres.
+    with pytest.raises(gnp.GnpError, match="in m: lanes are 1 to 8 m wide"):
         Stream(model, [0.0, 12.0, 24.0])
-    with pytest.raises(gnp.OnlineError, match="lines"):
+    with pytest.raises(gnp.GnpError, match="lines"):
         Stream(model, [0.0])
     with pytest.raises(ValueError, match="k is 0"):
         Stream(model, LINES, k=0)
