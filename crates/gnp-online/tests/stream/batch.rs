@@ -104,7 +104,7 @@ fn a_stream_is_the_batch_predictor(recording: &Recording, road: u16, shape: Wind
                 let own = vehicle.path(k).iter().map(|at| [0, 1].map(|i| at[i] - vehicle.position()[i]));
                 for (a, b) in own.zip(&mode.path) {
                     let miss = (a[0] - f64::from(b[0])).hypot(a[1] - f64::from(b[1]));
-                    // The road of a stream begins where it began, so that f32 rounds elsewhere.
+                    // Within the rounding of f32.
                     let size = 1. + f64::from(b[0].hypot(b[1]));
                     assert!(miss < 1e-5 * size, "{number}, {observation:?}, {k}: {a:?} {b:?}");
                 }
