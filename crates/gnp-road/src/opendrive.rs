@@ -44,8 +44,11 @@ const DRIVING: [&str; 13] = [
 
 /// Roads `ids`, separated by commas, joined in this order; the only road outside of junctions where `None`.
 pub(crate) fn content(text: &str, ids: Option<&str>) -> Result<Content, Wrong> {
-    let document = Document::parse(text)
-        .map_err(|e| Wrong { line: Some(e.pos().row as usize), reason: format!("is no XML: {e}; write it anew") })?;
+    let document = Document::parse(text).map_err(|e| {
+        // It may quote a name that never ends.
+        let said: String = e.to_string().chars().take(160).collect();
+        Wrong { line: Some(e.pos().row as usize), reason: format!("is no XML: {said}; write it anew") }
+    })?;
     let root = document.root_element();
     if root.tag_name().name() != "OpenDRIVE" {
         return Err(Wrong::new("is XML, but not OpenDRIVE; give the road's line as CSV, GeoJSON or OpenDRIVE"));

@@ -64,7 +64,8 @@ impl<'a> Elements<'a> {
         let (mut buffer, mut depth, mut line) = (Vec::new(), 0usize, 1);
         let broken = |line: u64, error: &dyn std::fmt::Display| DataError::Table {
             file: self.file.into(),
-            reason: format!("line {line}: {error}"),
+            // It may quote a name that never ends.
+            reason: format!("line {line}: {}", gnp_file::excerpt(&error.to_string(), 160)),
         };
         loop {
             buffer.clear();
@@ -143,7 +144,10 @@ impl Element<'_> {
     }
 
     fn error(&self, reason: String) -> DataError {
-        DataError::Table { file: self.file.into(), reason: format!("line {}: {reason}", self.line) }
+        DataError::Table {
+            file: self.file.into(),
+            reason: format!("line {}: {}", self.line, gnp_file::excerpt(&reason, 160)),
+        }
     }
 }
 
