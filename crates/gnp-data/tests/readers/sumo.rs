@@ -162,6 +162,8 @@ fn what_is_wrong_is_named_with_its_place() {
     }
     let long = wrong("fcd.xml", xml(&format!("<timestep time=\"{}\"/>", "1".repeat(1 << 18))));
     assert!(long.contains("longer than 64 KiB"), "{long}");
+    let endless = wrong("fcd.xml", xml(&format!("<a></{}>", "b".repeat(5000))));
+    assert!(endless.contains("line ") && endless.len() < 600, "{endless}");
     let nobody = put(folder.path(), "fcd.xml", "<fcd-export>\n  <timestep time=\"0.00\"/>\n</fcd-export>\n");
     let error = read_all(&nobody, Dataset::SUMO).unwrap_err();
     assert!(matches!(error, DataError::Tracks { problem: TrackProblem::Empty, .. }), "{error}");
