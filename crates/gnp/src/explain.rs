@@ -123,13 +123,15 @@ pub fn explain(run: &Run, question: &Question) -> Result<Explained> {
     };
     let simulated = data.simulated;
     let Told { as_it_is, changed, changes, figures } = told;
-    Ok(Explained { key: moment.observation.key(), simulated, as_it_is, changed, changes, figures })
+    Ok(Explained { key: moment.key.clone(), simulated, as_it_is, changed, changes, figures })
 }
 
 /// A vehicle at a moment, with what happened then where that is recorded.
 pub(crate) struct Moment<'a> {
     /// The recording whose names of vehicles are used; numbers without.
     pub(crate) names: Option<&'a Recording>,
+    /// Its name, with the frame as the recording counts, which a snapshot may not.
+    pub(crate) key: WindowKey,
     pub(crate) observation: Observation<'a>,
     pub(crate) window: Option<Window<'a>>,
 }
@@ -138,7 +140,8 @@ impl<'a> Moment<'a> {
     fn of(recording: &'a Recording, shape: WindowShape, id: WindowId) -> Option<Self> {
         let (track, row) = (id.track as usize, id.row as usize);
         let observation = Observation::new(recording, shape, track, row).ok()?;
-        Some(Self { names: Some(recording), observation, window: Window::new(recording, shape, track, row).ok() })
+        let window = Window::new(recording, shape, track, row).ok();
+        Some(Self { names: Some(recording), key: observation.key(), observation, window })
     }
 
     /// The account of its prediction, in which vehicles have the names of the recording.
@@ -176,7 +179,7 @@ pub(crate) fn tell(
     source: &Source,
 ) -> Result<Option<Told>> {
     let seen = &moment.observation;
-    let key = seen.key();
+    let key = &moment.key;
     let forecast = gnp.predict(&[*seen], k)?.pop().unwrap_or_default();
     let Some(as_it_is) = moment.account(seen, &forecast) else { return Ok(None) };
     let what = format!("{}, vehicle {}, frame {}", key.recording, as_it_is.name(key.vehicle), key.t0);

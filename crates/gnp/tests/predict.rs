@@ -308,6 +308,9 @@ fn a_moment_of_tracks_is_explained() {
         Some(recording.state(track.row_at(frame)?))
     };
     assert!(state(explained.key.t0).is_some());
+    // Where the past is filled, the figure has the recording's frame, too.
+    let early = ask(None, Some(0.5)).unwrap();
+    assert!(early.key.t0 < 31 && early.figures[0].svg.contains(&format!("frame {}<", early.key.t0)));
     let unknown = ask(Some("99999"), None).unwrap_err().to_string();
     assert!(unknown.contains("no recording with a vehicle 99999; there are us101-24_1 (vehicles "), "{unknown}");
     assert!(ask(None, Some(1e4)).unwrap_err().to_string().contains("which goes from"));

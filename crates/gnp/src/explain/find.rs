@@ -75,7 +75,8 @@ fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Moment<'a>>> {
     }
     let moment = |id: WindowId| {
         let window = set.get(id)?;
-        Some(Moment { names: set.recording(id), observation: window.observation(), window: Some(window) })
+        let observation = window.observation();
+        Some(Moment { names: set.recording(id), key: observation.key(), observation, window: Some(window) })
     };
     Ok(ids.into_iter().filter_map(moment).collect())
 }

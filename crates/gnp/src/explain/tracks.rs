@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use gnp_data::{Dataset, Predictor as _, Recording, Snapshot, TrackOptions, WindowShape, read_with};
+use gnp_data::{Dataset, Predictor as _, Recording, Snapshot, TrackOptions, WindowKey, WindowShape, read_with};
 use gnp_plot::Source as Words;
 
 use super::find::{self, leader_part};
@@ -74,13 +74,12 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
     let meta = recording.meta();
     let simulated = meta.simulated || model.card().data.simulated;
     let words = Words { words: format!("{} by the model {}", meta.name, model.card().name), simulated };
-    let moment = Moment { names: Some(&recording), observation, window: None };
+    // In the first frames of a recording the snapshot counts otherwise.
+    let key = WindowKey { t0: frame, ..observation.key() };
+    let moment = Moment { names: Some(&recording), key: key.clone(), observation, window: None };
     let Some(told) = tell(&gnp, &moment, &question.changes, model.card().predict.k, &words)? else {
         bail!(Recordings, "the model {} has no physics to explain its forecasts by", model.card().name);
     };
-    let mut key = observation.key();
-    // In the first frames of a recording the snapshot counts otherwise.
-    key.t0 = frame;
     let Told { as_it_is, changed, changes, figures } = told;
     Ok(Explained { key, simulated, as_it_is, changed, changes, figures })
 }

@@ -36,7 +36,8 @@ pub(super) fn figures(material: &Material<'_>) -> Result<Vec<Figure>> {
     }
     let Some((_, found, leader)) = most else { return Ok(Vec::new()) };
     let window = &material.windows[found];
-    let moment = Moment { names: None, observation: window.observation(), window: Some(*window) };
+    let observation = window.observation();
+    let moment = Moment { names: None, key: observation.key(), observation, window: Some(*window) };
     let changes = [Change::Without { vehicle: leader }];
     let told = tell(gnp, &moment, &changes, run.config.predict.k, &material.source)?;
     Ok(told.map_or_else(Vec::new, |told| told.figures))
