@@ -12,7 +12,7 @@ use self::base::Base;
 use self::edits::Edits;
 use crate::error::DataError;
 use crate::limits::{MAX_POSITION, MAX_SPEED, is_position, is_size, sizes};
-use crate::recording::VehicleClass;
+use crate::recording::{Track, VehicleClass};
 use crate::snapshot::{Present, Snapshot};
 use crate::window::Observation;
 
@@ -257,6 +257,13 @@ impl EditedScene {
     pub fn observation(&self, vehicle: u32) -> Result<Observation<'_>, DataError> {
         let present = self.present(vehicle)?;
         Ok(present.window()?)
+    }
+
+    /// Numbers of the vehicles that are there, and of the leaders that only rows of theirs name.
+    pub fn numbers(&self) -> impl Iterator<Item = u32> {
+        let recording = self.snapshot().recording();
+        let named = |track: &Track| recording.named_leader(track.rows.end - 1).map(|leader| leader.vehicle);
+        recording.tracks().iter().flat_map(move |track| [Some(track.vehicle), named(track)]).flatten()
     }
 
     /// A number that no vehicle of the moment has, and none of `taken`; `None` where the last one is.

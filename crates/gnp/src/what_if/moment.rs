@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use gnp_data::{DataError, EditedScene, Observation, Present, Recording, SceneEdit, SceneEditError, Snapshot, WindowShape, limits};
+use gnp_data::{
+    DataError, EditedScene, Observation, Present, Recording, SceneEdit, SceneEditError, Snapshot, WindowShape, limits,
+};
 
 use super::change::{Change, ChangeError, ChangeProblem};
 use crate::error::{Result, bail};
@@ -69,6 +71,11 @@ impl Moment {
         self.scene.snapshot()
     }
 
+    /// The scene without a change.
+    pub(crate) fn scene(&self) -> &EditedScene {
+        &self.scene
+    }
+
     /// The vehicle of this name in the data.
     #[must_use]
     pub fn vehicle_named(&self, name: &str) -> Option<u32> {
@@ -126,10 +133,7 @@ impl ChangedMoment {
                 return Err(ChangeProblem::Goal { x: *x, y: *y });
             }
             Change::Goal { vehicle, at } => {
-                let there = self.vehicles().any(|it| it.vehicle() == *vehicle);
-                if !there {
-                    return Err(self.problem(self.scene.absent(*vehicle)));
-                }
+                self.scene.present(*vehicle).map_err(|error| self.problem(error))?;
                 self.goals.insert(*vehicle, *at);
             }
             Change::WithoutTerm(term) => self.without_terms.push((index, term.clone())),
