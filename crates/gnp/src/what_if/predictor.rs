@@ -4,7 +4,7 @@ use gnp_data::{
     Account, Forecast, Observation, Past, PredictError, Predictor as _, Present, SLOTS, SceneEdit, VehicleClass,
     WindowKey,
 };
-use gnp_model::{Forecasts, Gnp, Workspace};
+use gnp_model::{Forecasts, Gnp, ModelError, Workspace};
 
 use super::change::{Change, ChangeError, ChangeProblem};
 use super::moment::{ChangedMoment, Moment};
@@ -207,12 +207,15 @@ impl ScenePredictor {
 
     /// The model with the terms of the force that act in a moment.
     fn with_terms_of(&self, moment: &ChangedMoment) -> Result<Gnp, ChangeError> {
-        let mut gnp = self.gnp.clone();
-        for (index, term) in moment.without_terms() {
-            let problem = |error| ChangeError { index: *index, problem: ChangeProblem::Term(error) };
-            gnp = gnp.without_terms(&[term.as_str()]).map_err(problem)?;
+        let terms: Vec<&str> = moment.without_terms().iter().map(|(_, term)| term.as_str()).collect();
+        if terms.is_empty() {
+            return Ok(self.gnp.clone());
         }
-        Ok(gnp)
+        self.gnp.without_terms(&terms).map_err(|error| {
+            let unknown = if let ModelError::UnknownTerm { name, .. } = &error { Some(name) } else { None };
+            let of = moment.without_terms().iter().find(|(_, term)| unknown.is_none_or(|name| name == term));
+            ChangeError { index: of.map_or(0, |(index, _)| *index), problem: ChangeProblem::Term(error) }
+        })
     }
 }
 
