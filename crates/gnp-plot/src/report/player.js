@@ -4,7 +4,7 @@
 (() => {
   const holder = document.getElementById("recording");
   if (!holder) return;
-  const { COLOURS, SLOTS, Road, Clock, cm, unpack, along, switchTheme, parameterChart, showTip, listenForKeys } = gnpScene;
+  const { COLOURS, SLOTS, Road, Clock, cm, unpack, along, switchTheme, parameterChart, showTip } = gnpScene;
   const data = JSON.parse(holder.textContent);
   const byId = (id) => document.getElementById(id);
   const [chart, slider, tip, status] = ["chart", "time", "tip", "status"].map(byId);
@@ -156,10 +156,17 @@
     showTip(tip, found < 0 ? "" : describe(found), event);
   });
   road.canvas.addEventListener("mouseleave", () => { tip.hidden = true; state.hover = -1; draw(); });
-  listenForKeys(byId("player"), {
+  const KEYS = {
     " ": play, f: () => toggle("forces"), m: () => toggle("modes"), b: () => toggle("neighbours"), n: () => pickNext(1), p: () => pickNext(-1),
     "+": () => zoom(1.5), "-": () => zoom(1 / 1.5), Home: () => setFrame(0), End: () => setFrame(data.frames - 1),
     ArrowRight: (e) => setFrame(Math.floor(state.frame) + (e.shiftKey ? data.rate : 1)), ArrowLeft: (e) => setFrame(Math.ceil(state.frame) - (e.shiftKey ? data.rate : 1)),
+  };
+  byId("player").addEventListener("keydown", (event) => {
+    const onButton = event.target.tagName === "BUTTON" && event.key === " ";
+    const action = KEYS[event.key] || KEYS[event.key.toLowerCase()];
+    if (!action || onButton || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    action(event);
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   addEventListener("resize", draw);

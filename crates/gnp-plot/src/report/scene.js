@@ -223,14 +223,6 @@ const gnpScene = (() => {
     tip.style.left = `${Math.max(Math.min(event.clientX + 14, innerWidth - tip.offsetWidth - 8), 0)}px`;
     tip.style.top = `${Math.max(Math.min(event.clientY + 14, innerHeight - tip.offsetHeight - 8), 0)}px`;
   };
-  // Actions by key, while the focus is inside; on a button the space bar presses it.
-  const listenForKeys = (element, actions) => element.addEventListener("keydown", (event) => {
-    const onButton = event.target.tagName === "BUTTON" && event.key === " ";
-    const action = actions[event.key] || actions[event.key.toLowerCase()];
-    if (!action || onButton || event.ctrlKey || event.metaKey || event.altKey) return;
-    event.preventDefault();
-    action(event);
-  });
 
-  return { COLOURS, SLOTS, Road, Clock, unpack, at, speed, along, next, cm, switchTheme, parameterChart, showTip, listenForKeys };
+  return { COLOURS, SLOTS, Road, Clock, unpack, at, speed, along, next, cm, switchTheme, rim, readLook, parameterChart, showTip };
 })();
