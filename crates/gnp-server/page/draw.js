@@ -7,8 +7,8 @@ const { Road, COLOURS, SLOTS, along } = gnpScene;
 const FORCE_PX = 40;
 const GOAL_PX = 9;
 const OBSERVED_S = 3;
-const METRE_PX = 11; // of a metre across the road
-const HEIGHTS = [180, 340]; // of the canvas, px
+const METRE_PX = 13; // of a metre across the road
+const HEIGHTS = [180, 370]; // of the canvas, px
 const SPANS_M = 40; // the least that is shown
 const LETTERS = "12px system-ui, sans-serif";
 

@@ -23,6 +23,8 @@ export class State {
   adding = false;
   playing = false;
   shown = { forces: true, futures: true, neighbours: true, paths: true };
+  // The nearest time that a moment can be held at.
+  snap = (time) => time;
   #past = [];
   #future = [];
   #gesture = { name: null, at: 0 };
@@ -50,7 +52,7 @@ export class State {
   }
   // A change holds the moment and shows it, whatever was played of it.
   change(changes, gesture = null, others = {}) {
-    this.act({ ...others, changes, held: true, ahead: 0, playing: false }, gesture);
+    this.act({ ...others, changes, held: true, time: this.snap(this.time), ahead: 0, playing: false }, gesture);
   }
   endGesture() { this.#gesture = { name: null, at: 0 }; }
   // As if the drag that is still going on had not been.
@@ -72,7 +74,7 @@ export class State {
     this.set({ ...from.pop(), ahead: 0, playing: false, adding: false });
   }
 
-  hold() { if (!this.held) this.act({ held: true, ahead: 0, playing: false }); }
+  hold() { if (!this.held) this.act({ held: true, time: this.snap(this.time), ahead: 0, playing: false }); }
   // Back to the recording: the changes are gone, but not from memory.
   release() { if (this.held) this.act({ held: false, ahead: 0, changes: [], playing: false, adding: false, goalInHand: false }); }
   // Another recording or carriageway has no memory of this one.

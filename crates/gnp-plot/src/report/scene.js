@@ -180,7 +180,8 @@ const gnpScene = (() => {
       pen.strokeStyle = COLOURS.target; pen.beginPath(); pen.moveTo(X(now), Y(0)); pen.lineTo(X(now), Y(top)); pen.stroke();
     };
     const curves = ({ colour, slots, values }) => {
-      const dark = rim(colour), single = dark === "#ffffff" ? colour : dark;
+      // Dark lines on light paper, light ones on dark.
+      const dark = rim(colour), light = dark !== "#ffffff", single = darkNow() ? (light ? colour : look.ink) : light ? dark : colour;
       if (!slots) return [{ values: values.map((v) => v[0]), colour: single, dash: [] }];
       if (!present.length) return [{ values: [0], colour: "#777", dash: [] }];
       return present.map((slot) => ({ values: values.map((v) => v[slot]), colour: SLOT_COLOURS[slot], dash: slot % 2 ? [5, 3] : [] }));
