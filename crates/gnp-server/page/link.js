@@ -79,8 +79,11 @@ export const wrongPlace = (found, recordings) => {
   return null;
 };
 export const wrongNames = (found, names, terms) => {
-  const there = new Set(names);
+  const there = new Set(names), seen = new Set();
   for (const c of found.changes) {
+    const key = JSON.stringify([c.kind, c.vehicle, c.term]);
+    if (seen.has(key)) return `it has ${c.kind === "without_term" ? "off" : c.kind} twice for ${c.vehicle ?? c.term}`;
+    seen.add(key);
     if (c.kind === "without_term") { if (!terms.includes(c.term)) return `the model has no term ${c.term}`; }
     else if (c.kind === "add") { if (there.has(c.vehicle)) return `vehicle ${c.vehicle} is there already`; there.add(c.vehicle); }
     else if (!there.has(c.vehicle)) return `vehicle ${c.vehicle} is not there at that moment`;
