@@ -2,7 +2,6 @@
 
 import functools
 import json
-import time
 import urllib.request
 
 ROAD = 0
@@ -12,8 +11,8 @@ MOMENT = {"recording": RECORDING, "road": ROAD, "time_s": TIME_S}
 LINK = f"#recording={RECORDING}&road={ROAD}&t={TIME_S}&watch={FOLLOWER}"
 
 PATIENCE_S = 20
-# Nothing was asked or drawn for so long: what is shown is what was asked last.
-QUIET_S = 0.25
+# From one point of a drawn path to the next.
+EVERY_S = 0.2
 
 
 def ask(url, path, body=None):
@@ -29,18 +28,14 @@ class Play:
 
     def __init__(self, page, url):
         self.page, self.url = page, url
-        self.troubles, self.bodies, self._open = [], [], set()
+        self.troubles, self.bodies = [], []
         page.on("console", lambda message: message.type == "error" and self.troubles.append(message.text))
         page.on("pageerror", lambda error: self.troubles.append(str(error)))
         page.on("request", self._asked)
-        page.on("requestfinished", self._open.discard)
-        page.on("requestfailed", self._open.discard)
 
     def _asked(self, request):
         if not request.url.startswith((self.url + "/", "data:", "blob:")):
             self.troubles.append(f"a request to {request.url}")
-        if "/v1/" in request.url:
-            self._open.add(request)
         if request.method == "POST":
             self.bodies.append((request.url.removeprefix(self.url), request.post_data_json))
 
@@ -49,42 +44,28 @@ class Play:
         self.page.wait_for_selector("html[data-ready='1']", state="attached", timeout=PATIENCE_S * 1000)
         return self.settle()
 
-    def answered(self):
-        return int(self.page.evaluate("document.documentElement.dataset.answered ?? 0"))
-
     def settle(self):
-        """Waits until the last answer is drawn and nothing more is asked."""
-        end, since, last = time.monotonic() + PATIENCE_S, time.monotonic(), None
-        while time.monotonic() < end:
-            now = (self.answered(), len(self._open), len(self.bodies))
-            if now != last or self._open:
-                since, last = time.monotonic(), now
-            elif time.monotonic() - since > QUIET_S:
-                return self
-            self.page.wait_for_timeout(20)
-        raise AssertionError(f"the page did not come to rest within {PATIENCE_S} s: {last}")
+        """Waits until what is shown is the answer to what was asked last."""
+        wait = "ms => Promise.race([window.gnp.settled().then(() => true), new Promise((done) => setTimeout(() => done(false), ms))])"
+        assert self.page.evaluate(wait, PATIENCE_S * 1000), f"the page did not come to rest within {PATIENCE_S} s"
+        return self
 
     def forecast(self, vehicle=FOLLOWER):
         """The drawn path, m: [[x, y], ...]; None where there is none."""
         return self.page.evaluate("id => window.gnp.forecast(id)", vehicle)
 
     def where(self, vehicle):
-        """Its centre in the window, pixels; None out of view."""
+        """Its centre in the window, pixels; None where it is not there."""
         return self.page.evaluate("id => window.gnp.where(id)", vehicle)
 
     def changes(self):
         return self.page.evaluate("window.gnp.changes()")
 
     def place(self, *metres):
-        """Where a place of the road is in the window, pixels; by vehicles whose places the server has said."""
-        seen = [(at, self.where(name)) for name, at in self.known.items()]
-        seen = [(at, px) for at, px in seen if px]
-        found = []
-        for i in range(2):
-            first, last = (extreme(seen, key=lambda one: one[0][i]) for extreme in (min, max))
-            scale = (last[1][i] - first[1][i]) / (last[0][i] - first[0][i])
-            found.append(first[1][i] + scale * (metres[i] - first[0][i]))
-        return found
+        """Where a place of the road is in the window, pixels; while the follower is where he was."""
+        scales, origin = self.page.evaluate("window.gnp.perMetre()"), self.where(FOLLOWER)
+        x, y = (m - known for m, known in zip(metres, self.known[FOLLOWER], strict=True))
+        return [origin[0] + x * scales[0], origin[1] - y * scales[1]]
 
     @functools.cached_property
     def known(self):

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from play import FOLLOWER, LEADER, LINK, MOMENT, PATIENCE_S, TIME_S, ask
+from play import FOLLOWER, LEADER, LINK, PATIENCE_S, TIME_S, ask
 from test_whatif import assert_shows
 
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
@@ -227,7 +227,7 @@ def test_the_recording_plays_with_live_forecasts(page_of, url):
     assert TIME_S + 0.7 < time_s < TIME_S + 3
     bodies = [body for path, body in play.bodies if path == "/v1/predict"]
     assert bodies[-1]["scene"]["time_s"] == pytest.approx(time_s, abs=0.11)
-    answer = ask(url, "/v1/predict", {"scene": {**MOMENT, "time_s": bodies[-1]["scene"]["time_s"]}})
+    answer = ask(url, "/v1/predict", bodies[-1])
     path = next(forecast for forecast in answer["forecasts"] if forecast["id"] == FOLLOWER)["modes"][0]["path"]
     assert play.forecast()[-1] == pytest.approx(path[-1], abs=0.011)
     assert play.changes() == []

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from play import FOLLOWER, LEADER, MOMENT, RECORDING, TIME_S, ask
+from play import EVERY_S, FOLLOWER, LEADER, MOMENT, RECORDING, TIME_S, ask
 
 TRACKS = Path(__file__).parents[2] / "fixtures/ngsim" / f"{RECORDING}.csv.gz"
 # What the API rounds places to, m, and a little.
@@ -16,7 +16,7 @@ SAME = {"abs": ROUNDED_M}
 
 def predicted(url, changes, vehicle=FOLLOWER):
     """The forecast of one vehicle by the API; None where it has none."""
-    answer = ask(url, "/v1/predict", {"scene": MOMENT, "changes": changes})
+    answer = ask(url, "/v1/predict", {"scene": MOMENT, "changes": changes, "every_s": EVERY_S})
     return next((forecast for forecast in answer["forecasts"] if forecast["id"] == vehicle), None)
 
 

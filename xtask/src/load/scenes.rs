@@ -126,7 +126,7 @@ impl Scenes {
         let (follower, leader) = pair(&page.tracks.vehicles, frame).context("nobody follows anybody")?;
         let scene = json!({"recording": page.recording, "road": page.road.index, "time_s": page.time_s(frame)});
         let changes = json!([{"kind": "move", "vehicle": leader, "by": [-3, 0]}]);
-        let predict = json!({"scene": scene, "changes": changes}).to_string();
+        let predict = json!({"scene": scene, "changes": changes, "every_s": 0.2}).to_string();
         let explain = json!({"scene": scene, "changes": changes, "vehicle": follower}).to_string();
         Ok(Self { of_program: of_program.to_string(), vehicles, predict, explain })
     }
