@@ -38,6 +38,8 @@ def test_a_link_holds_scene_and_changes(page_of, url):
     first.drag(LEADER, [-10, 0])
     first.press("3")
     assert [change["kind"] for change in first.changes()] == ["move", "without_term"]
+    # An address is not written with every movement of a hand.
+    first.page.wait_for_url("**/#*move=*&off=*", timeout=PATIENCE_S * 1000)
     link = first.page.evaluate("location.hash")
     second = page_of(link)
     assert (second.changes(), second.forecast()) == (first.changes(), first.forecast())
@@ -80,7 +82,7 @@ def test_everything_by_keyboard(page_of, url):
     assert_shows(play, url, [{"kind": "move", "vehicle": LEADER, "by": [-10, 0.5]}])
     play.press("Control+z", "Control+z", "-")
     assert [change["kind"] for change in play.changes()] == ["speed"]
-    play.press("Control+z", "t", "Shift+ArrowRight")
+    play.press("Control+z", "g", "t", "Shift+ArrowRight")
     assert [change["kind"] for change in play.changes()] == ["goal"]
     play.press("r", "a", "Enter")
     assert [change["kind"] for change in play.changes()] == ["add"]
@@ -90,9 +92,10 @@ def test_everything_by_keyboard(page_of, url):
     assert play.page.locator("#help-dialog").is_visible()
     play.press("Escape")
     assert not play.page.locator("#help-dialog").is_visible() and play.changes() == []
-    # What is said is said to who does not see it.
+    # What is said is said to who does not see it, a little later.
     play.press("l", "Delete")
-    assert play.text("live")
+    said = play.text("sentence")
+    play.page.locator("#live", has_text=said).wait_for(state="attached", timeout=PATIENCE_S * 1000)
 
 
 def test_every_control_can_be_reached_and_is_seen_to_be(page_of):
@@ -186,7 +189,7 @@ def test_of_a_fast_drag_the_newest_answer_is_drawn(page_of, url):
     assert_shows(play, url, [change])
     bodies = play.bodies[asked:]
     assert bodies[-1][1]["changes"] == [change]
-    assert len(bodies) < 20, f"{len(bodies)} questions for 60 places"
+    assert len(bodies) < 60, f"{len(bodies)} questions for 60 places, two each"
 
 
 def test_a_server_that_goes_is_missed_and_found_again(page_of, server_of, picture):
