@@ -1,17 +1,16 @@
 //! The column of vehicles ahead, rolled out together: the rule that a prediction must beat.
 
+mod acting;
 mod fit;
 mod traffic;
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, OnceLock};
 
 use gnp_data::{Forecast, Mode, Observation, PredictError, Predictor, WindowShape};
-use gnp_force::{
-    CarFollowing, Driver, Follower, ForceError, ForceTerm, FreeRoad, TermDescriptor, following_acceleration,
-};
+use gnp_force::{Driver, Follower, ForceError, following_acceleration};
 use serde::{Deserialize, Serialize};
 
+pub use self::acting::ActingTerms;
 use self::traffic::{GatherRoom, Spans};
 pub use self::traffic::{SeenVehicle, Traffic};
 use crate::by_site::BySite;
@@ -244,19 +243,6 @@ impl PlatoonRule {
         &self.parameters.at(site).drivers
     }
 
-    /// The terms of [`Motion::acceleration`], in its order.
-    #[must_use]
-    pub fn terms() -> [Arc<TermDescriptor>; 3] {
-        static TERMS: OnceLock<[Arc<TermDescriptor>; 3]> = OnceLock::new();
-        let terms = TERMS.get_or_init(|| {
-            let (free, following): (&dyn ForceTerm<f64>, &dyn ForceTerm<f64>) = (&FreeRoad, &CarFollowing);
-            let habit = TermDescriptor::new("habit", gnp_force::Arity::One, "#8c6d31")
-                .means("habit", "what the driver does now beyond car following, dying away");
-            [free.descriptor().clone(), following.descriptor().clone(), habit].map(Arc::new)
-        });
-        terms.clone()
-    }
-
     /// What an observation shows of the traffic ahead of its target and of its neighbours.
     #[must_use]
     pub fn traffic(&self, observation: &Observation<'_>) -> Traffic {
@@ -289,13 +275,27 @@ impl PlatoonRule {
     /// # Errors
     /// [`ForceError`] for traffic that cannot be: positions or lengths that are not finite.
     pub fn roll_out(&self, site: &str, traffic: &Traffic, shape: &WindowShape) -> Result<Motion, ForceError> {
+        self.roll_out_with(site, traffic, shape, ActingTerms::ALL)
+    }
+
+    /// [`PlatoonRule::roll_out`] with the terms that act on the target; on the others all act.
+    ///
+    /// # Errors
+    /// As [`PlatoonRule::roll_out`].
+    pub fn roll_out_with(
+        &self,
+        site: &str,
+        traffic: &Traffic,
+        shape: &WindowShape,
+        acting: ActingTerms,
+    ) -> Result<Motion, ForceError> {
         let mut motion = Motion::default();
         let drivers = self.drivers(site);
-        roll_out(drivers, traffic.vehicles(), shape, &mut Vec::new(), &mut motion)?;
+        roll_out(drivers, traffic.vehicles(), shape, acting, &mut Vec::new(), &mut motion)?;
         Ok(motion)
     }
 
-    /// [`PlatoonRule::roll_out`] into `motion`: after a first call of as many frames nothing is allocated.
+    /// [`PlatoonRule::roll_out_with`] into `motion`: after a first call of as many frames nothing is allocated.
     ///
     /// # Errors
     /// As [`PlatoonRule::roll_out`].
@@ -304,13 +304,14 @@ impl PlatoonRule {
         site: &str,
         traffic: &Traffic,
         shape: &WindowShape,
+        acting: ActingTerms,
         motion: &mut Motion,
         room: &mut PlatoonRoom,
     ) -> Result<(), ForceError> {
         motion.platoon.reserve(Traffic::MOST, shape.t_pred);
         motion.start.reserve(Traffic::MOST.saturating_sub(motion.start.len()));
         room.followers.reserve(Traffic::MOST.saturating_sub(room.followers.len()));
-        roll_out(self.drivers(site), traffic.vehicles(), shape, &mut room.followers, motion)
+        roll_out(self.drivers(site), traffic.vehicles(), shape, acting, &mut room.followers, motion)
     }
 }
 
@@ -325,6 +326,7 @@ fn roll_out(
     drivers: &Drivers,
     vehicles: &[SeenVehicle],
     shape: &WindowShape,
+    acting: ActingTerms,
     followers: &mut Vec<Follower<f64>>,
     motion: &mut Motion,
 ) -> Result<(), ForceError> {
@@ -350,9 +352,13 @@ fn roll_out(
             habit: 0.,
         }
     }));
+    let [free, following, habit] = acting.flags();
+    if let Some(target) = followers.get_mut(Traffic::TARGET).filter(|_| !following) {
+        target.leader = None;
+    }
     for (i, it) in vehicles.iter().enumerate() {
         let mut rule = 0.;
-        if let Some(leader) = it.leader {
+        if let Some(leader) = followers[i].leader {
             let (ahead, own) = (followers[leader], &mut followers[i]);
             let (distance, body) = (ahead.position - own.position, (ahead.length + own.length) / 2.);
             let gap = (distance - body).max(LEAST_GAP) - drivers.standstill_gap;
@@ -363,10 +369,14 @@ fn roll_out(
         let (share, measured) = measured(it);
         followers[i].habit = measured - share * rule;
     }
+    if let Some(target) = followers.get_mut(Traffic::TARGET).filter(|_| !habit) {
+        target.habit = 0.;
+    }
     motion.steps = shape.t_pred;
     motion.start.clear();
     motion.start.extend(followers.iter().map(|it| [it.position, it.speed]));
-    motion.platoon.roll_out_into(followers, shape.dt(), shape.t_pred, drivers.decay)
+    let coasting = (!free).then_some(Traffic::TARGET);
+    motion.platoon.roll_out_coasting_into(followers, coasting, shape.dt(), shape.t_pred, drivers.decay)
 }
 
 impl Predictor for PlatoonRule {

@@ -56,6 +56,8 @@ struct Link<T> {
     /// Mean of both lengths, in m.
     body: T,
     habit: T,
+    /// Whether the free road does not act.
+    coasts: bool,
 }
 
 /// Vehicles that follow each other, after a roll-out; it keeps its memory for the next.
@@ -133,10 +135,29 @@ impl<T: RealField + Copy> Platoon<T> {
         steps: usize,
         decay: T,
     ) -> Result<(), ForceError> {
+        self.roll_out_coasting_into(followers, None, dt, steps, decay)
+    }
+
+    /// [`Platoon::roll_out_into`] in which the free road does not act on the vehicle of that number, if any: its
+    /// [`Platoon::free`] is 0, so that behind a leader it brakes and never draws on.
+    ///
+    /// # Errors
+    /// As [`Platoon::roll_out`]; the earlier results then stay.
+    pub fn roll_out_coasting_into(
+        &mut self,
+        followers: &[Follower<T>],
+        coasting: Option<usize>,
+        dt: T,
+        steps: usize,
+        decay: T,
+    ) -> Result<(), ForceError> {
         check_time(dt, steps, decay)?;
         followers.iter().try_for_each(Follower::check)?;
         self.check_leaders(followers)?;
         self.set_out(followers, steps);
+        if let Some(link) = coasting.and_then(|vehicle| self.links.get_mut(vehicle)) {
+            link.coasts = true;
+        }
         // The share of a habit that is left after half a step, and of that after every further step.
         let faded = |time: T| if decay > T::zero() { (-time / decay).exp() } else { T::zero() };
         let (mut left, fading) = (faded(dt * lit(0.5)), faded(dt));
@@ -240,7 +261,13 @@ impl<T: RealField + Copy> Platoon<T> {
         self.links.extend(followers.iter().map(|follower| {
             let ahead = follower.leader.map_or(follower.length, |leader| followers[leader].length);
             let body = (follower.length + ahead) * lit(0.5);
-            Link { law: Following::new(&follower.driver), leader: follower.leader, body, habit: follower.habit }
+            Link {
+                law: Following::new(&follower.driver),
+                leader: follower.leader,
+                body,
+                habit: follower.habit,
+                coasts: false,
+            }
         }));
         for states in &mut self.states {
             states.clear();
@@ -256,7 +283,8 @@ impl<T: RealField + Copy> Platoon<T> {
             let (free, interaction) = match link.leader {
                 Some(leader) => {
                     let [ahead, speed] = now[leader];
-                    (link.law.free(v), link.law.interaction(ahead - x, link.body, v, speed))
+                    let free = if link.coasts { T::zero() } else { link.law.free(v) };
+                    (free, link.law.interaction(ahead - x, link.body, v, speed))
                 }
                 None => (T::zero(), T::zero()),
             };

@@ -18,6 +18,14 @@ pub enum ModelError {
         /// What is wrong and what to do.
         problem: String,
     },
+    /// A term of the force that the model does not have.
+    #[error("`{name}` is no term of this model's force; there are {}", if known.is_empty() { "none".to_owned() } else { known.join(", ") })]
+    UnknownTerm {
+        /// The name asked for.
+        name: String,
+        /// Names of those that there are.
+        known: Vec<String>,
+    },
     /// Windows of another shape than the model's.
     #[error(
         "the model was made for {} observed and {} predicted frames at {} Hz, the windows have {} and {} at {} Hz: \

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use candle_core::{Device, Tensor};
-use gnp_baselines::{PlatoonRoom, PlatoonRule};
+use gnp_baselines::{ActingTerms, PlatoonRoom, PlatoonRule};
 use gnp_data::{DataError, Observation, SLOTS, Slot, Standardiser, Window, WindowShape};
 use gnp_goal::GoalShape;
 use gnp_modes::{ModeFrame, Modes, Reference, from_mode_frame, to_mode_frame};
@@ -193,7 +193,8 @@ impl Features {
             }
         };
         let rows = |o: Observation<'a>| -> Result<_, ModelError> {
-            let situation = situation(config, shape, platoon.as_ref(), AugmentedView::recorded(o))?;
+            let seen = AugmentedView::recorded(o);
+            let situation = situation(config, shape, (platoon.as_ref(), ActingTerms::ALL), seen)?;
             let mut states = SeenStates::of_target(&situation);
             let (mut observed, mut neighbours) = (Vec::new(), Vec::new());
             observed_row(config, &situation, &states, &mut observed);
@@ -225,14 +226,24 @@ impl Features {
     /// # Errors
     /// [`ModelError::Traffic`] for traffic that cannot be: positions or lengths that are not finite.
     pub fn situation<'a>(&self, seen: AugmentedView<'a>) -> Result<Situation<'a>, ModelError> {
-        situation(&self.config, self.shape, self.platoon.as_ref(), seen)
+        self.situation_with(seen, ActingTerms::ALL)
     }
 
-    /// [`Features::situation`] in the memory of `following`, which the situation then holds where the reference path is the
+    /// [`Features::situation`] of a target on which these terms of the platoon act.
+    pub(crate) fn situation_with<'a>(
+        &self,
+        seen: AugmentedView<'a>,
+        acting: ActingTerms,
+    ) -> Result<Situation<'a>, ModelError> {
+        situation(&self.config, self.shape, (self.platoon.as_ref(), acting), seen)
+    }
+
+    /// [`Features::situation_with`] in the memory of `following`, which the situation then holds where the reference path is the
     /// platoon's.
     pub(crate) fn situation_in<'a>(
         &self,
         observation: Observation<'a>,
+        acting: ActingTerms,
         mut following: Following,
         room: &mut PlatoonRoom,
     ) -> Result<Situation<'a>, ModelError> {
@@ -240,7 +251,7 @@ impl Features {
         let [vx, vy] = seen.velocity(self.config.velocity_window_s);
         let Some(platoon) = &self.platoon else { return Ok(Situation { seen, velocity: [vx, vy], platoon: None }) };
         platoon.traffic_into(&observation, &mut following.traffic, room);
-        platoon.roll_out_into(observation.site(), &following.traffic, &self.shape, &mut following.motion, room)?;
+        following.roll_out(platoon, (observation.site(), &self.shape), acting, room)?;
         Ok(Situation::behind(following, seen, vy))
     }
 
@@ -420,15 +431,15 @@ impl Features {
 fn situation<'a>(
     config: &FeatureConfig,
     shape: WindowShape,
-    platoon: Option<&PlatoonRule>,
+    (platoon, acting): (Option<&PlatoonRule>, ActingTerms),
     seen: AugmentedView<'a>,
 ) -> Result<Situation<'a>, ModelError> {
     let [vx, vy] = seen.velocity(config.velocity_window_s);
     let Some(platoon) = platoon else { return Ok(Situation { seen, velocity: [vx, vy], platoon: None }) };
     let observation = seen.observation();
     let traffic = platoon.traffic(observation).scaled(f64::from(seen.longitudinal_scale()));
-    let motion = platoon.roll_out(observation.site(), &traffic, &shape)?;
-    Ok(Situation::behind(Following { traffic, motion }, seen, vy))
+    let following = Following::new(platoon, traffic, (observation.site(), &shape), acting)?;
+    Ok(Situation::behind(following, seen, vy))
 }
 
 #[cfg(test)]

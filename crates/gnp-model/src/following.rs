@@ -1,6 +1,6 @@
 //! What following the traffic ahead makes of the next seconds, as a hint to the goal network.
 
-use gnp_baselines::{Idm, Leader};
+use gnp_baselines::{Idm, Leader, Traffic};
 use gnp_data::Slot;
 
 use crate::situation::Situation;
@@ -11,7 +11,7 @@ pub(crate) const SECONDS: usize = 5;
 /// Steps of a second. The hint is smooth: finer steps change it by centimetres.
 const STEPS: usize = 5;
 
-/// How far ahead of constant velocity the platoon's path is after 1 to 5 s, m; without one, how far the Intelligent
+/// How far ahead of constant velocity the platoon's path is, with all of its terms, after 1 to 5 s, m; without one, how far the Intelligent
 /// Driver Model with textbook parameters would be behind one leader at constant velocity. Speeds of the latter are fitted
 /// over `window_s` seconds of the past, and there are zeros where no vehicle is ahead: whether the road is empty there is
 /// not known.
@@ -20,11 +20,12 @@ const STEPS: usize = 5;
 /// learned from few windows, where from the bare tracks of both it takes many.
 pub(crate) fn hint(situation: &Situation<'_>, window_s: f64) -> [f32; SECONDS] {
     let seen = &situation.seen;
-    if situation.platoon.is_some() {
+    if let Some(following) = &situation.platoon {
         let shape = seen.observation().shape();
         return std::array::from_fn(|second| {
             let step = (((second + 1) as f64 * shape.rate_hz).round() as usize).min(shape.t_pred);
-            situation.reference(step)[0] - situation.velocity[0] * (step as f64 * shape.dt()) as f32
+            following.whole().position(Traffic::TARGET, step) as f32
+                - situation.velocity[0] * (step as f64 * shape.dt()) as f32
         });
     }
     let Some(ahead) = seen.neighbour(Slot::Preceding) else { return [0.; SECONDS] };

@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use candle_core::{DType, Device, Tensor};
 use candle_nn::VarBuilder;
+use gnp_baselines::{ActingTerms, PlatoonRule};
 use gnp_data::{
     Explanation, Forecast, Mode, Observation, PredictError, Predictor, TermForces, Truth, WindowShape, nearest_to_mean,
 };
+use gnp_force::TermDescriptor;
 use gnp_goal::{GoalNet, PackedGoalNet};
 use gnp_modes::{Modes, from_mode_frame};
 use gnp_nn::DeviceThread;
@@ -43,6 +45,8 @@ pub struct Gnp {
     pub(crate) selection: Selection,
     pub(crate) trust: f32,
     pub(crate) explain: bool,
+    /// The terms of the platoon that act; the force has its own.
+    pub(crate) acting: ActingTerms,
     pool: Option<Arc<ThreadPool>>,
     pub(crate) name: &'static str,
 }
@@ -173,7 +177,8 @@ impl Gnp {
         };
         let (device, thread) = (device.clone(), DeviceThread::of(device)?);
         let trained = Arc::new(Trained { header, features, modes, centres, goal: net, packed, force, device, thread });
-        Ok(Self { trained, neighbours, selection: Selection::Medoids, trust: 1., explain: false, pool: None, name })
+        let (selection, acting) = (Selection::Medoids, ActingTerms::ALL);
+        Ok(Self { trained, neighbours, selection, trust: 1., explain: false, acting, pool: None, name })
     }
 
     /// How goals are chosen when fewer are asked for than there are modes; medoids unless set.
@@ -203,6 +208,46 @@ impl Gnp {
         };
         own.force = Some((force.with_term(law, parameters)?, phase));
         Ok(Self { trained, ..self })
+    }
+
+    /// The terms of the force in the order of explanations, whether they act or are switched off; none for a model
+    /// without physics.
+    #[must_use]
+    pub fn term_descriptors(&self) -> Vec<Arc<TermDescriptor>> {
+        let Trained { force, features, .. } = &*self.trained;
+        let Some((force, _)) = force else { return Vec::new() };
+        let of_platoon = features.platoon().map(|_| PlatoonRule::terms());
+        force.term_descriptors().cloned().chain(of_platoon.into_iter().flatten()).collect()
+    }
+
+    /// The same model without the terms of these names, which [`Gnp::term_descriptors`] lists: they exert no force, and
+    /// explanations name neither them nor what they cause. The networks are shared.
+    ///
+    /// The networks see the scene as it is and expect the same deviation from the reference path, in which the terms of the
+    /// platoon no longer act on the target: without `car_following` it drives as if nobody were ahead, without `free_road` it
+    /// only ever brakes for a leader, without `habit` nothing of its present acceleration goes on. Without `goal` the vehicle
+    /// keeps to the reference path but for the other forces, and sideways to its velocity. Without any term it keeps its
+    /// velocity. Other vehicles drive with all terms; with [`NeighbourFuture::Joint`] they lose those of the force, too.
+    ///
+    /// # Errors
+    /// [`ModelError::UnknownTerm`] with the names that there are.
+    pub fn without_terms(&self, names: &[&str]) -> Result<Self, ModelError> {
+        let known = self.term_descriptors();
+        if let Some(name) = names.iter().find(|name| known.iter().all(|term| term.name != **name)) {
+            let known = known.iter().map(|term| term.name.to_string()).collect();
+            return Err(ModelError::UnknownTerm { name: (*name).to_owned(), known });
+        }
+        let mut changed = self.clone();
+        let Some((force, phase)) = &self.trained.force else { return Ok(changed) };
+        let is_of_force = |name: &&str| force.term_descriptors().any(|term| term.name == **name);
+        let (of_force, of_platoon): (Vec<&str>, Vec<&str>) = names.iter().copied().partition(is_of_force);
+        changed.acting =
+            of_platoon.into_iter().fold(self.acting, |acting, name| acting.without(name).unwrap_or(acting));
+        if !of_force.is_empty() {
+            let force = force.clone().without_terms(&of_force)?;
+            Arc::make_mut(&mut changed.trained).force = Some((force, *phase));
+        }
+        Ok(changed)
     }
 
     /// The same predictor on a pool of `threads` threads of its own, which its later clones share. The
@@ -375,7 +420,8 @@ impl Gnp {
 
     pub(crate) fn situations<'a>(&self, observations: &[Observation<'a>]) -> Result<Vec<Situation<'a>>, ModelError> {
         let features = &self.trained.features;
-        observations.par_iter().map(|o| features.situation(AugmentedView::recorded(*o))).collect()
+        let situation = |o: &Observation<'a>| features.situation_with(AugmentedView::recorded(*o), self.acting);
+        observations.par_iter().map(situation).collect()
     }
 
     /// Does `work` on the predictor's own threads, where it has some.
@@ -406,7 +452,7 @@ impl Gnp {
             let mut forecasts = explained(&path, &out, &scene, goals)?;
             let integrator = force.config().integrator;
             for (situation, forecast) in situations.iter().zip(&mut forecasts) {
-                contributions::add(situation, features.platoon(), integrator, forecast)?;
+                contributions::add(situation, (features.platoon(), self.acting), integrator, forecast)?;
             }
             Ok(forecasts)
         } else {

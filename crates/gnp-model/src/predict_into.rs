@@ -1,6 +1,6 @@
 //! Prediction on the caller's thread, into memory that is used again.
 
-use gnp_baselines::{PlatoonRoom, PlatoonRule};
+use gnp_baselines::{ActingTerms, PlatoonRoom, PlatoonRule};
 use gnp_data::{Observation, PredictError, Predictor, SLOTS, Slot, nearest_to_mean};
 use gnp_goal::{GoalWorkspace, PackedGoalNet};
 use gnp_traj::{Arity, Phase, RollOutWorkspace, RolledOut, SocialForce};
@@ -135,7 +135,7 @@ impl Lean<'_> {
             let rolled_out = self.force.roll_out_into(self.phase, self.gnp.explain, &mut workspace.roll_out)?;
             put_paths(&rolled_out, &workspace.of_windows, i * together, out)?;
             if self.gnp.explain {
-                put_terms(&rolled_out, &workspace.of_windows, i * together, out);
+                put_terms(&rolled_out, (&workspace.of_windows, self.gnp.acting), i * together, out);
             }
         }
         Ok(())
@@ -170,7 +170,8 @@ impl Lean<'_> {
         workspace.of_windows.clear();
         for (window, observation) in observations.iter().enumerate() {
             let following = std::mem::take(&mut workspace.following);
-            let situation = self.features.situation_in(*observation, following, &mut workspace.platoon)?;
+            let acting = self.gnp.acting;
+            let situation = self.features.situation_in(*observation, acting, following, &mut workspace.platoon)?;
             let result = self.choose(&situation, k, workspace, (first + window, &mut *out));
             self.add_scene(&situation, window, workspace);
             workspace.following = situation.platoon.unwrap_or_default();
@@ -270,7 +271,12 @@ fn put_paths(
 }
 
 /// The forces of windows from number `first` of the call on.
-fn put_terms(rolled_out: &RolledOut<'_>, of_windows: &OfWindows, first: usize, out: &mut Forecasts) {
+fn put_terms(
+    rolled_out: &RolledOut<'_>,
+    (of_windows, acting): (&OfWindows, ActingTerms),
+    first: usize,
+    out: &mut Forecasts,
+) {
     let (windows, size, steps) = (of_windows.lines.len(), out.modes * out.steps, out.steps);
     let mut count = 0;
     for term in rolled_out.terms() {
@@ -288,7 +294,8 @@ fn put_terms(rolled_out: &RolledOut<'_>, of_windows: &OfWindows, first: usize, o
         count += 1;
     }
     if !of_windows.accelerations.is_empty() {
-        for (part, term) in PlatoonRule::terms().iter().enumerate() {
+        let terms = PlatoonRule::terms();
+        for (part, (term, _)) in terms.iter().zip(acting.flags()).enumerate().filter(|(_, (_, acts))| *acts) {
             let totals = out.totals_of(count, term)[first * size..].chunks_exact_mut(size);
             let of_part = of_windows.accelerations.chunks_exact(steps).skip(part).step_by(3);
             for (totals, values) in totals.zip(of_part) {

@@ -1,7 +1,8 @@
 //! A window as the networks see it, with the path that counts as doing nothing in particular.
 
-use gnp_baselines::{Motion, Traffic, lateral};
-use gnp_data::{Slot, TrackState};
+use gnp_baselines::{ActingTerms, Motion, PlatoonRoom, PlatoonRule, Traffic, lateral};
+use gnp_data::{Slot, TrackState, WindowShape};
+use gnp_force::ForceError;
 use serde::{Deserialize, Serialize};
 
 use crate::augmented_view::AugmentedView;
@@ -31,7 +32,45 @@ pub struct Situation<'a> {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Following {
     pub(crate) traffic: Traffic,
+    /// The target moved by the terms that act.
     pub(crate) motion: Motion,
+    /// The target moved by all terms, where some are switched off.
+    whole: Option<Motion>,
+}
+
+impl Following {
+    pub(crate) fn new(
+        platoon: &PlatoonRule,
+        traffic: Traffic,
+        (site, shape): (&str, &WindowShape),
+        acting: ActingTerms,
+    ) -> Result<Self, ForceError> {
+        let motion = platoon.roll_out_with(site, &traffic, shape, acting)?;
+        let whole = (acting != ActingTerms::ALL).then(|| platoon.roll_out(site, &traffic, shape)).transpose()?;
+        Ok(Self { traffic, motion, whole })
+    }
+
+    /// Rolls its traffic out in its memory.
+    pub(crate) fn roll_out(
+        &mut self,
+        platoon: &PlatoonRule,
+        (site, shape): (&str, &WindowShape),
+        acting: ActingTerms,
+        room: &mut PlatoonRoom,
+    ) -> Result<(), ForceError> {
+        platoon.roll_out_into(site, &self.traffic, shape, acting, &mut self.motion, room)?;
+        if acting == ActingTerms::ALL {
+            self.whole = None;
+            return Ok(());
+        }
+        let whole = self.whole.get_or_insert_default();
+        platoon.roll_out_into(site, &self.traffic, shape, ActingTerms::ALL, whole, room)
+    }
+
+    /// How the target moves with all terms: what the networks are told, whichever act.
+    pub(crate) fn whole(&self) -> &Motion {
+        self.whole.as_ref().unwrap_or(&self.motion)
+    }
 }
 
 impl<'a> Situation<'a> {
@@ -57,7 +96,8 @@ impl<'a> Situation<'a> {
         self.seen.observation().shape().dt()
     }
 
-    /// Where the reference path is after `step` steps, m, window frame.
+    /// Where the reference path is after `step` steps, m, window frame; the platoon's without the terms that are switched
+    /// off.
     #[must_use]
     pub fn reference(&self, step: usize) -> [f32; 2] {
         let time = step as f64 * self.dt();
@@ -88,7 +128,7 @@ impl<'a> Situation<'a> {
         settling: &[f64],
         window_s: f64,
     ) -> impl Iterator<Item = TrackState> {
-        let following = self.platoon.as_ref().and_then(|Following { traffic, motion }| {
+        let following = self.platoon.as_ref().and_then(|Following { traffic, motion, .. }| {
             let place = traffic.place(self.seen.recorded_slot(slot))?;
             Some((motion, place, self.seen.neighbour(slot)?.now(window_s)))
         });

@@ -9,19 +9,23 @@ use axum::extract::{Path, Query, Request, State};
 use axum::http::Method;
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
-use axum::routing::{MethodRouter, get};
+use axum::routing::{MethodRouter, get, post};
 use axum::{Json, Router};
 use gnp_data::Recording;
+use serde_json::Value;
 use tower_http::catch_panic::CatchPanicLayer;
 
 use crate::config::ServerConfig;
 use crate::error::ServerError;
-use crate::limits::{Rate, at_a_rate};
+use crate::explain::ExplainRequest;
+use crate::limits::{Rate, at_a_rate, read};
 use crate::metrics::Metrics;
 use crate::model::ServedModel;
 use crate::page;
+use crate::predict::{PredictRequest, Predicted};
 use crate::problem::{Problem, ProblemKind, Refused};
 use crate::recordings::{Recordings, Shown, Span};
+use crate::scene::Moments;
 use crate::security::{Doorkeeper, guarded, with_headers};
 use crate::work::Turns;
 
@@ -31,6 +35,7 @@ pub(crate) struct App {
     pub(crate) config: ServerConfig,
     pub(crate) model: ServedModel,
     pub(crate) recordings: Recordings,
+    pub(crate) moments: Moments,
     pub(crate) metrics: Metrics,
     pub(crate) turns: Arc<Turns>,
 }
@@ -47,7 +52,8 @@ impl App {
         let turns = Arc::new(Turns::new(config.jobs, config.waiting, metrics.dropped.clone()));
         let model = ServedModel::new(model)?;
         let recordings = Recordings::new(recordings, model.shape())?;
-        Ok(Self { config, model, recordings, metrics, turns })
+        let moments = Moments::default();
+        Ok(Self { config, model, recordings, moments, metrics, turns })
     }
 }
 
@@ -71,11 +77,15 @@ pub enum Route {
     Recordings,
     /// Who drove where.
     Tracks,
+    /// Forecasts of a scene.
+    Predict,
+    /// What is behind one.
+    Explain,
 }
 
 impl Route {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Index,
         Self::Page,
         Self::OpenApi,
@@ -84,6 +94,8 @@ impl Route {
         Self::Model,
         Self::Recordings,
         Self::Tracks,
+        Self::Predict,
+        Self::Explain,
     ];
 
     /// Its path; what varies in it stands in braces.
@@ -98,13 +110,18 @@ impl Route {
             Self::Model => "/v1/model",
             Self::Recordings => "/v1/recordings",
             Self::Tracks => "/v1/recordings/{name}/tracks",
+            Self::Predict => "/v1/predict",
+            Self::Explain => "/v1/explain",
         }
     }
 
     /// Its method; what is asked for by GET is by HEAD, too.
     #[must_use]
     pub const fn method(self) -> &'static str {
-        "GET"
+        match self {
+            Self::Predict | Self::Explain => "POST",
+            _ => "GET",
+        }
     }
 
     /// The one of a path, whatever the method.
@@ -127,6 +144,8 @@ impl Route {
             Self::Model => get(async |State(app): State<Arc<App>>| Json(app.model.described.clone())),
             Self::Recordings => get(recordings),
             Self::Tracks => get(tracks),
+            Self::Predict => post(predict),
+            Self::Explain => post(explain),
         }
     }
 }
@@ -196,4 +215,16 @@ async fn tracks(
     let of = Arc::clone(&app);
     let work = move |_: &mut _| Shown::of(of.recordings.number(number)?, span);
     app.turns.take(work).await.map(Json)
+}
+
+async fn predict(State(app): State<Arc<App>>, request: Request) -> Result<Json<Predicted>, Problem> {
+    let asked: PredictRequest = read(request, app.config.max_body_bytes).await?;
+    let of = Arc::clone(&app);
+    app.turns.take(move |workspace| asked.answer(&of, workspace)).await.map(Json)
+}
+
+async fn explain(State(app): State<Arc<App>>, request: Request) -> Result<Json<Value>, Problem> {
+    let asked: ExplainRequest = read(request, app.config.max_body_bytes).await?;
+    let of = Arc::clone(&app);
+    app.turns.take(move |_| asked.answer(&of)).await.map(Json)
 }

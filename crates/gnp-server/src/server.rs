@@ -101,3 +101,6 @@ async fn asked_to(stop: Stop) {
         sleep(LOOK_EVERY).await;
     }
 }
+
+#[cfg(test)]
+mod tests;

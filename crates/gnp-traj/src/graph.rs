@@ -27,7 +27,7 @@ pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes
         let seen = observe(history_encoder, cfg, &batch.observed)?;
         Ok(Some(LstmState { h: per_goal(&seen.h)?, c: per_goal(&seen.c)? }))
     };
-    let mut memory1 = history(encoder1)?;
+    let mut memory1 = if sizes.pull { history(encoder1)? } else { None };
     let mut memory2 = if sizes.k || sizes.k_line { history(encoder2)? } else { None };
     let neighbours = Slots::new(batch, sizes)?;
     let lines = LineRows::new(batch, sizes)?;
@@ -40,9 +40,10 @@ pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes
         if step % cfg.network_period == 0 {
             if step > 0 {
                 let state = Tensor::cat(&[(&p * cfg.input_scale.position)?, (&v * cfg.input_scale.velocity)?], 1)?;
-                memory1 = Some(encoder1.step(&state, memory1.as_ref())?);
-                if memory2.is_some() {
-                    memory2 = Some(encoder2.step(&state, memory2.as_ref())?);
+                for (encoder, memory) in [(encoder1, &mut memory1), (encoder2, &mut memory2)] {
+                    if let Some(seen) = memory {
+                        *seen = encoder.step(&state, Some(seen))?;
+                    }
                 }
             }
             if let Some(memory) = &memory1 {
@@ -62,24 +63,33 @@ pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes
                 }
             }
         }
-        let Some(tau) = &tau else { candle_core::bail!("the networks did not run before the first step") };
         let left = (batch.steps - step) as f64 * batch.dt;
-        let pull = laws::goal_force(&p, &v, &goal, left, tau)?;
-        let mut force = pull.clone();
-        record.add(&terms.goal, pull.unsqueeze(1)?, vec![tau.clone()]);
+        let mut force = None;
+        if let Some(tau) = &tau {
+            let pull = laws::goal_force(&p, &v, &goal, left, tau)?;
+            record.add(&terms.goal, pull.unsqueeze(1)?, vec![tau.clone()]);
+            force = Some(pull);
+        }
+        let mut add = |push: Tensor| -> Result<()> {
+            force = Some(match force.take() {
+                Some(force) => (force + push)?,
+                None => push,
+            });
+            Ok(())
+        };
         if let (Some(around), Some(k)) = (&around, &k) {
             let r = p.unsqueeze(1)?.broadcast_sub(&around.narrow(2, 0, 2)?)?;
             let push = laws::vehicle_force(&r, k, cfg.r_col)?;
-            force = (force + push.sum(1)?)?;
+            add(push.sum(1)?)?;
             record.add(&terms.neighbours, push, vec![k.clone()]);
         }
         if let (Some(lines), Some(d), Some(k)) = (&lines, &lateral, &k_line) {
             let push = laws::line_force(&lines.kind, d, k, &lines.side)?;
             let y = push.sum_keepdim(1)?;
-            force = (force + Tensor::cat(&[y.zeros_like()?, y], 1)?)?;
+            add(Tensor::cat(&[y.zeros_like()?, y], 1)?)?;
             record.add(&terms.lines, Tensor::stack(&[push.zeros_like()?, push], 2)?, vec![k.clone()]);
         }
-        for term in &terms.fixed {
+        for term in terms.fixed() {
             let (sources, present) = match (term.descriptor.arity, &around, &neighbours, &lines) {
                 (Arity::One, ..) => (goal.unsqueeze(1)?, None),
                 (Arity::PerNeighbour, Some(around), Some(slots), _) => (around.clone(), Some(&slots.present)),
@@ -87,7 +97,7 @@ pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes
                 _ => continue,
             };
             let push = term.on_tensors(&Tensor::cat(&[&p, &v], 1)?, &sources, present, left)?;
-            force = (force + push.sum(1)?)?;
+            add(push.sum(1)?)?;
             let (rows, count, _) = push.dims3()?;
             let varying = term.descriptor.parameters.iter().zip(&term.parameters).filter(|(known, _)| known.varies);
             let held = varying.map(|(_, value)| {
@@ -96,7 +106,10 @@ pub(crate) fn roll_out(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes
             });
             record.add(&term.descriptor, push, held.collect::<Result<_>>()?);
         }
-        let faster = (&v + (force * batch.dt)?)?;
+        let faster = match force {
+            Some(force) => (&v + (force * batch.dt)?)?,
+            None => v.clone(),
+        };
         p = match cfg.integrator {
             Integrator::ExplicitEuler => (&p + (&v * batch.dt)?)?,
             _ => (&p + (&faster * batch.dt)?)?,

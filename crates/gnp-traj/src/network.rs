@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use candle_core::{Module, Tensor};
 use candle_nn::{Init, VarBuilder, ops::sigmoid};
-use gnp_force::{ForceTerm, GoalAttraction, LineRepulsion, TermDescriptor, VehicleRepulsion};
+use gnp_force::{Arity, ForceTerm, TermDescriptor};
 use gnp_nn::{Linear, Lstm, LstmState, Mlp, linear};
 
 use crate::fused::{Fused, RollOutWorkspace, RolledOut};
 #[cfg(feature = "cuda")]
 use crate::recorded;
 use crate::roll_out::Sizes;
-use crate::terms::FixedTerm;
+use crate::terms::{FixedTerm, Terms};
 use crate::weights::{Builder, HistoryEncoder, Net};
 use crate::{Engine, NeighbourStates, Phase, RollOut, RollOutBatch, TrajConfig, TrajError, graph};
 
@@ -28,52 +28,6 @@ pub struct SocialForce {
     /// The same in all copies of a network, which share its weights.
     #[cfg(feature = "cuda")]
     pub(crate) identity: Arc<()>,
-}
-
-/// The terms that act: those whose parameters the networks set, then the others.
-#[derive(Clone, Debug)]
-pub(crate) struct Terms {
-    pub(crate) goal: Arc<TermDescriptor>,
-    pub(crate) neighbours: Arc<TermDescriptor>,
-    pub(crate) lines: Arc<TermDescriptor>,
-    pub(crate) fixed: Vec<FixedTerm>,
-}
-
-impl Terms {
-    fn new() -> Self {
-        let described = |law: &dyn ForceTerm<f32>| Arc::new(law.descriptor().clone());
-        Self {
-            goal: described(&GoalAttraction),
-            neighbours: described(&VehicleRepulsion),
-            lines: described(&LineRepulsion),
-            fixed: Vec::new(),
-        }
-    }
-
-    /// Those that act in a batch of these sizes and how many sources each has, in the order in which they are added up.
-    pub(crate) fn acting(&self, sizes: Sizes) -> impl Iterator<Item = (&Arc<TermDescriptor>, usize)> {
-        let learned = [(&self.goal, true), (&self.neighbours, sizes.k), (&self.lines, sizes.k_line)];
-        let learned = learned.into_iter().filter(|(_, acts)| *acts).map(|(term, _)| term);
-        let all = learned.chain(self.fixed.iter().map(|term| &term.descriptor));
-        all.map(move |term| (term, sizes.sources(term.arity))).filter(|(_, sources)| *sources > 0)
-    }
-
-    /// Adds a term unless one of its name acts already.
-    fn add(&mut self, term: FixedTerm, cfg: &TrajConfig) -> Result<(), TrajError> {
-        let name = &term.descriptor.name;
-        let published = [&self.goal, &self.neighbours, &self.lines];
-        if published.iter().any(|other| other.name == *name && **other != term.descriptor) {
-            let problem = "is the name of a published term; take another".to_owned();
-            return Err(TrajError::Term { name: name.to_string(), problem });
-        }
-        let learned = [&self.goal, &self.neighbours].into_iter().chain(cfg.lines.then_some(&self.lines));
-        if learned.chain(self.fixed.iter().map(|term| &term.descriptor)).any(|other| other.name == *name) {
-            let problem = "acts already; a name stands for one term".to_owned();
-            return Err(TrajError::Term { name: name.to_string(), problem });
-        }
-        self.fixed.push(term);
-        Ok(())
-    }
 }
 
 /// Makes the modules of the graph.
@@ -149,6 +103,26 @@ impl SocialForce {
     pub fn with_term(mut self, law: Arc<dyn ForceTerm<f32>>, parameters: &[f64]) -> Result<Self, TrajError> {
         Arc::make_mut(&mut self.terms).add(FixedTerm::new(law, parameters)?, &self.cfg)?;
         Ok(self)
+    }
+
+    /// The same networks without the terms of these names: they exert no force in any phase, and roll-outs do not list them.
+    /// The weights are shared. What the networks see stays as it is, so that the other terms change only as the path does.
+    ///
+    /// # Errors
+    /// [`TrajError::Term`] for a name of no term, with those that there are.
+    pub fn without_terms(mut self, names: &[&str]) -> Result<Self, TrajError> {
+        Arc::make_mut(&mut self.terms).switch_off(names, &self.cfg)?;
+        // Roll-outs of these terms are recorded apart.
+        #[cfg(feature = "cuda")]
+        {
+            self.identity = Arc::default();
+        }
+        Ok(self)
+    }
+
+    /// All terms in the order in which they are added up, whether they act or are switched off.
+    pub fn term_descriptors(&self) -> impl Iterator<Item = &Arc<TermDescriptor>> {
+        self.terms.all(&self.cfg)
     }
 
     /// Whether `phase` trains the weight of that name; a name of no weight is trained by none.
@@ -297,9 +271,8 @@ impl SocialForce {
         if !self.weights.iter().all(|weight| weight.device().is_cpu()) {
             return Some(("observed", "the fused roll-out runs on CPUs; take the graph"));
         }
-        let sees = |arity| self.terms.fixed.iter().any(|term| term.descriptor.arity == arity);
-        let repels = phase != Phase::Attraction;
-        if let Some(neighbours) = batch.neighbours.as_ref().filter(|_| repels || sees(gnp_force::Arity::PerNeighbour)) {
+        let sees = |arity| self.terms.act_from(arity, &self.cfg, phase);
+        if let Some(neighbours) = batch.neighbours.as_ref().filter(|_| sees(Arity::PerNeighbour)) {
             match &neighbours.states {
                 NeighbourStates::Joint { .. } => {
                     return Some(("neighbours.states", "the fused roll-out wants given neighbours; take the graph"));
@@ -313,7 +286,7 @@ impl SocialForce {
                 NeighbourStates::Given(_) => {}
             }
         }
-        let lines = batch.lines.as_ref().filter(|_| repels || sees(gnp_force::Arity::PerLine));
+        let lines = batch.lines.as_ref().filter(|_| sees(Arity::PerLine));
         lines
             .filter(|lines| lines.lines.track_op())
             .map(|_| ("lines.lines", "only the graph has a gradient for it; take that, or detach it"))

@@ -64,7 +64,7 @@ struct RollOut {
 pub(crate) fn path(network: &SocialForce, batch: &RollOutBatch, sizes: Sizes, phase: Phase) -> Result<Option<Tensor>> {
     let tracked: Vec<&Tensor> = network.weights.iter().filter(|weight| weight.track_op()).collect();
     let records = batch.observed.device().is_cuda()
-        && network.terms.fixed.is_empty()
+        && network.terms.fixed().next().is_none()
         && inputs(batch).iter().all(|input| !input.track_op())
         && tracked.iter().all(|weight| weight.is_variable());
     if !records {

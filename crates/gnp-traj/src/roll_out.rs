@@ -5,7 +5,7 @@ use std::sync::Arc;
 use candle_core::{DType, Tensor};
 use gnp_force::{Arity, TermDescriptor};
 
-use crate::network::Terms;
+use crate::terms::Terms;
 use crate::{TrajConfig, TrajError};
 
 /// A batch of windows to roll out; tensors are `f32` unless said otherwise, in the window frame.
@@ -135,7 +135,8 @@ pub(crate) struct Sizes {
     /// Neighbour slots and lines that any term acts from.
     pub(crate) slots: usize,
     pub(crate) lines: usize,
-    /// Whether the network's repulsion of neighbours and of lines acts.
+    /// Whether the network's attraction, and its repulsion of neighbours and of lines act.
+    pub(crate) pull: bool,
     pub(crate) k: bool,
     pub(crate) k_line: bool,
 }
@@ -185,9 +186,9 @@ impl RollOutBatch {
             let problem = format!("is {} s; give the frame period, a positive number", self.dt);
             return Err(TrajError::Batch { name: "dt", problem });
         }
-        let wanted = |arity| terms.fixed.iter().any(|term| term.descriptor.arity == arity);
-        let repels = phase != Phase::Attraction;
-        let mut sizes = Sizes { batch, observed, goals, slots: 0, lines: 0, k: false, k_line: false };
+        let wanted = |arity| terms.fixed_from(arity);
+        let [pull, repels, learned] = terms.learned(cfg, phase);
+        let mut sizes = Sizes { batch, observed, goals, slots: 0, lines: 0, pull, k: false, k_line: false };
         if let Some(neighbours) = self.neighbours.as_ref().filter(|_| repels || wanted(Arity::PerNeighbour)) {
             sizes.slots = neighbours.check(batch, self.steps)?;
             sizes.k = repels && sizes.slots > 0;
@@ -197,7 +198,6 @@ impl RollOutBatch {
                 "missing; a term acts from them, so give them, with none present if there are none".to_owned();
             return Err(TrajError::Batch { name: "neighbours", problem });
         }
-        let learned = repels && cfg.lines;
         match &self.lines {
             Some(lines) if learned || wanted(Arity::PerLine) => {
                 sizes.lines = lines.check(batch)?;

@@ -1,15 +1,18 @@
-//! Terms of the force beside those whose parameters the networks set: laws with fixed parameters.
+//! The terms of the force: which there are and which act, and those that have fixed parameters.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use candle_core::{CpuStorage, CustomOp2, Device, Layout, Result, Shape, Tensor};
 use gnp_force::na::{Point2, Vector2};
-use gnp_force::{Arity, ForceTerm, MarkingKind, Side, Source, State, TermDescriptor};
+use gnp_force::{
+    Arity, ForceTerm, GoalAttraction, LineRepulsion, MarkingKind, Side, Source, State, TermDescriptor, VehicleRepulsion,
+};
 use gnp_nn::LaunchCache;
 use serde::{Deserialize, Serialize};
 
-use crate::TrajError;
+use crate::roll_out::Sizes;
+use crate::{Phase, TrajConfig, TrajError};
 
 /// A term of `gnp_force` that acts in every step, with fixed parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,6 +22,104 @@ pub struct TermConfig {
     pub name: String,
     /// The value of each of its parameters, by name.
     pub parameters: BTreeMap<String, f64>,
+}
+
+/// The terms of a network: those whose parameters it sets, then the others.
+#[derive(Clone, Debug)]
+pub(crate) struct Terms {
+    pub(crate) goal: Arc<TermDescriptor>,
+    pub(crate) neighbours: Arc<TermDescriptor>,
+    pub(crate) lines: Arc<TermDescriptor>,
+    fixed: Vec<FixedTerm>,
+    /// Names of those that are switched off.
+    off: Vec<String>,
+}
+
+impl Terms {
+    pub(crate) fn new() -> Self {
+        let described = |law: &dyn ForceTerm<f32>| Arc::new(law.descriptor().clone());
+        Self {
+            goal: described(&GoalAttraction),
+            neighbours: described(&VehicleRepulsion),
+            lines: described(&LineRepulsion),
+            fixed: Vec::new(),
+            off: Vec::new(),
+        }
+    }
+
+    /// All that there are, in the order in which they are added up.
+    pub(crate) fn all(&self, cfg: &TrajConfig) -> impl Iterator<Item = &Arc<TermDescriptor>> {
+        let learned = [&self.goal, &self.neighbours].into_iter().chain(cfg.lines.then_some(&self.lines));
+        learned.chain(self.fixed.iter().map(|term| &term.descriptor))
+    }
+
+    /// Whether the network's attraction, its repulsion of neighbours and that of lines act, as far as terms decide.
+    pub(crate) fn learned(&self, cfg: &TrajConfig, phase: Phase) -> [bool; 3] {
+        let repels = phase != Phase::Attraction;
+        [self.is_on(&self.goal), repels && self.is_on(&self.neighbours), repels && cfg.lines && self.is_on(&self.lines)]
+    }
+
+    /// Those with fixed parameters that act.
+    pub(crate) fn fixed(&self) -> impl Iterator<Item = &FixedTerm> {
+        self.fixed.iter().filter(|term| self.is_on(&term.descriptor))
+    }
+
+    /// Whether a term with fixed parameters acts from sources of this kind.
+    pub(crate) fn fixed_from(&self, arity: Arity) -> bool {
+        self.fixed().any(|term| term.descriptor.arity == arity)
+    }
+
+    /// Whether any term acts from sources of this kind.
+    pub(crate) fn act_from(&self, arity: Arity, cfg: &TrajConfig, phase: Phase) -> bool {
+        let [goal, neighbours, lines] = self.learned(cfg, phase);
+        let learned = match arity {
+            Arity::One => goal,
+            Arity::PerNeighbour => neighbours,
+            Arity::PerLine => lines,
+        };
+        learned || self.fixed_from(arity)
+    }
+
+    /// Those that act in a batch of these sizes and how many sources each has, in the order in which they are added up.
+    pub(crate) fn acting(&self, sizes: Sizes) -> impl Iterator<Item = (&Arc<TermDescriptor>, usize)> {
+        let learned = [(&self.goal, sizes.pull), (&self.neighbours, sizes.k), (&self.lines, sizes.k_line)];
+        let learned = learned.into_iter().filter(|(_, acts)| *acts).map(|(term, _)| term);
+        let all = learned.chain(self.fixed().map(|term| &term.descriptor));
+        all.map(move |term| (term, sizes.sources(term.arity))).filter(|(_, sources)| *sources > 0)
+    }
+
+    fn is_on(&self, term: &TermDescriptor) -> bool {
+        !self.off.iter().any(|name| *name == term.name)
+    }
+
+    /// Switches terms off by name.
+    pub(crate) fn switch_off(&mut self, names: &[&str], cfg: &TrajConfig) -> std::result::Result<(), TrajError> {
+        for name in names {
+            if self.all(cfg).all(|term| term.name != *name) {
+                let known: Vec<&str> = self.all(cfg).map(|term| &*term.name).collect();
+                let problem = format!("is no term of this network; there are {}", known.join(", "));
+                return Err(TrajError::Term { name: (*name).to_owned(), problem });
+            }
+            self.off.push((*name).to_owned());
+        }
+        Ok(())
+    }
+
+    /// Adds a term unless there is one of its name.
+    pub(crate) fn add(&mut self, term: FixedTerm, cfg: &TrajConfig) -> std::result::Result<(), TrajError> {
+        let name = &term.descriptor.name;
+        let published = [&self.goal, &self.neighbours, &self.lines];
+        if published.iter().any(|other| other.name == *name && **other != term.descriptor) {
+            let problem = "is the name of a published term; take another".to_owned();
+            return Err(TrajError::Term { name: name.to_string(), problem });
+        }
+        if self.all(cfg).any(|other| other.name == *name) {
+            let problem = "acts already; a name stands for one term".to_owned();
+            return Err(TrajError::Term { name: name.to_string(), problem });
+        }
+        self.fixed.push(term);
+        Ok(())
+    }
 }
 
 /// A law and the parameters it acts with.

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::traffic::Traffic;
-use super::{Drivers, FittedDrivers, Motion, PlatoonParameters, PlatoonRule, roll_out, spans};
+use super::{ActingTerms, Drivers, FittedDrivers, Motion, PlatoonParameters, PlatoonRule, roll_out, spans};
 use crate::by_site::LEAST_VEHICLES;
 use crate::motion::BaselineError;
 
@@ -64,7 +64,8 @@ pub(super) fn fit(training: &[Window<'_>]) -> Result<PlatoonParameters, Baseline
     }
     let possible = |case: &Case| {
         let (mut followers, mut motion) = (Vec::new(), Motion::default());
-        let rolled = roll_out(&Drivers::TYPICAL, case.column.vehicles(), &shape, &mut followers, &mut motion);
+        let rolled =
+            roll_out(&Drivers::TYPICAL, case.column.vehicles(), &shape, ActingTerms::ALL, &mut followers, &mut motion);
         rolled.is_ok() && !case.truth.is_empty()
     };
     let all: Vec<Case> = training.par_iter().map(|window| case(window, shape)).collect();
@@ -128,6 +129,7 @@ impl<'a> Problem<'a> {
             drivers,
             case.column.vehicles(),
             &self.shape,
+            ActingTerms::ALL,
             followers,
             motion,
         ) {

@@ -102,7 +102,8 @@ impl<'a, 'b> Back<'a, 'b> {
             dk: vec![0.; neighbours],
             dk_line: vec![0.; lines],
             history_encoders: [0, 1].map(history_encoder),
-            tau: trained(phase, 0).then(|| HeadAdjoint::new(&net.tau, &tape.tau, all.clone(), gather.rows)),
+            tau: (tape.tau.acts() && trained(phase, 0))
+                .then(|| HeadAdjoint::new(&net.tau, &tape.tau, all.clone(), gather.rows)),
             k: tape.k.acts().then(|| HeadAdjoint::new(&net.k, &tape.k, pairs, gather.neighbours)),
             k_line: tape
                 .k_line
@@ -141,16 +142,18 @@ impl<'a, 'b> Back<'a, 'b> {
         }
         let mut undoing = Undoing { chunk, step, motion, dforces: &dforces, dmotion: &mut self.dmotion };
         let learned = Learned::of(batch, tape, run);
-        let (dgoals, dtau) = (&mut self.dgoals, &mut self.dtau);
-        undoing.undo(
-            &GoalAttraction,
-            Arity::One,
-            |row| learned.tau(row),
-            |row, vjp, parameters| {
-                dgoals[row] += vjp.source_position;
-                dtau[row] += parameters[0] * batch.tau_max;
-            },
-        );
+        if tape.tau.acts() {
+            let (dgoals, dtau) = (&mut self.dgoals, &mut self.dtau);
+            undoing.undo(
+                &GoalAttraction,
+                Arity::One,
+                |row| learned.tau(row),
+                |row, vjp, parameters| {
+                    dgoals[row] += vjp.source_position;
+                    dtau[row] += parameters[0] * batch.tau_max;
+                },
+            );
+        }
         if tape.k.acts() {
             let dk = &mut self.dk;
             undoing.undo(
@@ -173,7 +176,7 @@ impl<'a, 'b> Back<'a, 'b> {
                 },
             );
         }
-        for term in &batch.terms.fixed {
+        for term in batch.terms.fixed() {
             let arity = term.descriptor.arity;
             undoing.undo(
                 &*term.law,

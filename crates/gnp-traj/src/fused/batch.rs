@@ -9,9 +9,9 @@ use gnp_force::{Arity, Source, State, TermDescriptor};
 use super::cuts::{Cuts, GROUP};
 use super::layout::{HistoryEncoder, Net, Packed};
 use super::values::RollOutValues;
-use crate::network::{SocialForce, Terms};
+use crate::network::SocialForce;
 use crate::roll_out::Sizes;
-use crate::terms::line;
+use crate::terms::{Terms, line};
 use crate::{Integrator, NeighbourStates, Phase, RollOutBatch};
 
 /// Rows that one thread carries through all steps, at most: as many as use a weight often once it is fetched

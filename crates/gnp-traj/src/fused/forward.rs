@@ -151,7 +151,11 @@ impl Tape {
         self.scaled.reset(pool, kept(runs), rows * LINE);
         for (i, history_encoder) in net.history_encoders.iter().enumerate() {
             // Room for pairs is made also where there happen to be none, so that the next chunk finds it.
-            let acts = i == 0 || if keep { neighbours + lines > 0 } else { batch.sizes.k || batch.sizes.k_line };
+            let acts = match i {
+                0 => batch.sizes.pull,
+                _ if keep => neighbours + lines > 0,
+                _ => batch.sizes.k || batch.sizes.k_line,
+            };
             let [windows, rows] = [chunk.count(), rows].map(|rows| if acts { rows } else { 0 });
             let keep = keep && trained(batch.phase, i);
             self.history[i].reset(pool, history_encoder, windows, seen, keep);
@@ -159,7 +163,8 @@ impl Tape {
         }
         self.motion.reset(pool, kept(batch.steps + 1), rows * 4);
         self.goals.resize(rows * LINE);
-        self.tau.reset(pool, &net.tau, [rows, rows], runs, keep && trained(batch.phase, 0));
+        let pulled = if batch.sizes.pull { rows } else { 0 };
+        self.tau.reset(pool, &net.tau, [pulled, pulled], runs, keep && trained(batch.phase, 0));
         self.k.reset(pool, &net.k, [neighbours, rows * batch.sizes.slots], runs, keep);
         self.k_line.reset(pool, &net.k_line, [lines, rows * batch.sizes.lines], runs, keep);
     }
@@ -364,8 +369,10 @@ impl Work {
         self.latents.resize(most * self.width);
         self.latent.resize(rows * self.width);
         self.goal_latent.resize(rows * self.width);
-        let latents = RowsMut { data: &mut self.goal_latent, stride: self.width };
-        mlp::forward(&net.enc_goal, &mut self.encoders[2], rows, Rows { data: goals, stride: LINE }, latents);
+        if sizes.pull {
+            let latents = RowsMut { data: &mut self.goal_latent, stride: self.width };
+            mlp::forward(&net.enc_goal, &mut self.encoders[2], rows, Rows { data: goals, stride: LINE }, latents);
+        }
     }
 }
 
@@ -396,14 +403,15 @@ impl Drive<'_, '_> {
                 }
             }
         }
-        let history_code = RowsMut { data: latent, stride: width };
-        self.tape.future[0].latent(&net.history_encoders[0], run, history_code);
-        for (row, input) in self.tape.tau.input.at_mut(run).chunks_exact_mut(2 * width).enumerate() {
-            input[..width].copy_from_slice(&latent[row * width..][..width]);
-            input[width..].copy_from_slice(&goal_latent[row * width..][..width]);
+        if self.tape.tau.acts() {
+            let history_code = RowsMut { data: latent, stride: width };
+            self.tape.future[0].latent(&net.history_encoders[0], run, history_code);
+            for (row, input) in self.tape.tau.input.at_mut(run).chunks_exact_mut(2 * width).enumerate() {
+                input[..width].copy_from_slice(&latent[row * width..][..width]);
+                input[width..].copy_from_slice(&goal_latent[row * width..][..width]);
+            }
+            self.tape.tau.forward(&net.tau, run, chunk.rows(), &mut heads[0]);
         }
-        self.tape.tau.forward(&net.tau, run, chunk.rows(), &mut heads[0]);
-
         if self.tape.future[1].acts() {
             let history_code = RowsMut { data: latent, stride: width };
             self.tape.future[1].latent(&net.history_encoders[1], run, history_code);
@@ -468,14 +476,16 @@ impl Drive<'_, '_> {
             done: 0,
         };
         let learned = Learned::of(batch, self.tape, run);
-        adding.add(&GoalAttraction, Arity::One, |row| learned.tau(row));
+        if batch.sizes.pull {
+            adding.add(&GoalAttraction, Arity::One, |row| learned.tau(row));
+        }
         if batch.sizes.k {
             adding.add(&VehicleRepulsion, Arity::PerNeighbour, |pair| learned.k(pair));
         }
         if batch.sizes.k_line {
             adding.add(&LineRepulsion, Arity::PerLine, |pair| learned.k_line(pair));
         }
-        for term in batch.terms.fixed.iter().filter(|term| batch.sizes.sources(term.descriptor.arity) > 0) {
+        for term in batch.terms.fixed().filter(|term| batch.sizes.sources(term.descriptor.arity) > 0) {
             adding.add(&*term.law, term.descriptor.arity, |_| &term.parameters);
         }
     }

@@ -2,8 +2,8 @@
 
 use gnp_force::Arity;
 
-use crate::network::Terms;
 use crate::roll_out::Sizes;
+use crate::terms::Terms;
 use crate::{Phase, TrajConfig, TrajError};
 
 /// What [`RollOutBatch`](crate::RollOutBatch) holds, with given neighbours, as plain numbers in the window frame; m and s.
@@ -63,11 +63,10 @@ impl RollOutValues {
                 return Err(TrajError::Shape { name, found: vec![found], expected: format!("values for {dims:?}") });
             }
         }
-        let wanted = |arity| terms.fixed.iter().any(|term| term.descriptor.arity == arity);
-        let repels = phase != Phase::Attraction;
-        let slots = if repels || wanted(Arity::PerNeighbour) { slots } else { 0 };
-        let lines = if repels && cfg.lines || wanted(Arity::PerLine) { most_lines } else { 0 };
-        let (k, k_line) = (repels && slots > 0, repels && cfg.lines && lines > 0);
-        Ok(Sizes { batch: windows, observed: t_obs, goals: goals_each, slots, lines, k, k_line })
+        let seen = |arity, count| if terms.act_from(arity, cfg, phase) { count } else { 0 };
+        let (slots, lines) = (seen(Arity::PerNeighbour, slots), seen(Arity::PerLine, most_lines));
+        let [pull, k, k_line] = terms.learned(cfg, phase);
+        let (k, k_line) = (k && slots > 0, k_line && lines > 0);
+        Ok(Sizes { batch: windows, observed: t_obs, goals: goals_each, slots, lines, pull, k, k_line })
     }
 }

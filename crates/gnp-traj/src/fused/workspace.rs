@@ -9,8 +9,8 @@ use super::batch::{ActiveSlots, Batch, Chunk};
 use super::forward::{self, Detail, Outcome, Tape, Work};
 use super::layout::{Net, Packed};
 use super::values::RollOutValues;
-use crate::network::Terms;
 use crate::roll_out::Sizes;
+use crate::terms::Terms;
 use crate::{Phase, SocialForce};
 
 /// What [`SocialForce::roll_out_into`] keeps from one roll-out to the next: the values to roll out and memory, no state.
