@@ -7,7 +7,7 @@ const EVERY_S = 0.2; // between the points of paths
 // An answer that is about another moment is shown for as long as this, s.
 const NEAR_S = 0.75;
 
-export const questionOf = (state, time) => ({ recording: state.recording, road: state.road, time, changes: state.changes, watched: state.watched });
+export const questionOf = (state, time, isThere) => ({ recording: state.recording, road: state.road, time, changes: state.changes, watched: isThere ? state.watched : null });
 
 const pathOf = (at, mode) => [at, ...mode.path];
 // One side of an explanation: as it is, or changed.

@@ -32,7 +32,7 @@ export const write = (state, view) => {
 };
 
 const numberOf = (key, value) => {
-  if (!NUMBER.test(value)) throw new Error(`${key}=${value} is no number`);
+  if (!NUMBER.test(value)) throw new Error(`${value} in ${key} is no number`);
   return Number(value);
 };
 

@@ -12,6 +12,7 @@ import { Tracks, changedTraffic } from "./traffic.js";
 
 /* global gnpScene */
 const SAID_MS = 6000;
+const READ_MS = 15000;
 const LINK_MS = 150;
 const LIVE_MS = 500;
 const AHEAD_M = 25; // of the watched vehicle, or half the way to his leader: where a vehicle is added by keyboard
@@ -20,17 +21,19 @@ const root = document.documentElement;
 const state = new State(), scene = new Scene(byId("road"));
 let recordings = [], terms = [], horizon = 5, last = null, asked = "", toCheck = null, wrong = -1, hovered = null, scheduled = 0, answered = 0;
 
-// Sentences about what goes wrong or is to be known; those about the server stay until it answers.
-let saying = 0;
-const say = (text, lasting = false, bad = lasting) => {
+// Sentences for the reader go after a while; what is wrong with the server stays until it answers.
+let saying = 0, trouble = false;
+const say = (text, { bad = false, ms = SAID_MS } = {}) => {
   clearTimeout(saying);
+  trouble = false;
   byId("notice").textContent = text;
-  byId("notice").classList.toggle("bad", bad && text !== "");
-  if (!lasting && text) saying = setTimeout(() => say(""), SAID_MS);
+  byId("notice").classList.toggle("bad", bad);
+  if (text && ms) saying = setTimeout(() => say(""), ms);
 };
 const onProblem = (problem) => {
   wrong = problem.change ?? -1;
-  say(problem.status === 0 ? "The server does not answer; trying again." : `${problem.message}${/[.!?]$/.test(problem.message) ? "" : "."}`, true);
+  say(problem.status === 0 ? "The server does not answer; trying again." : `${problem.message}${/[.!?]$/.test(problem.message) ? "" : "."}`, { bad: true, ms: 0 });
+  trouble = true;
   update();
 };
 
@@ -38,7 +41,7 @@ const newest = new api.Newest(answer, {
   onAnswer: (question, found, ms) => {
     last = { ...found, question };
     wrong = -1;
-    if (byId("notice").classList.contains("bad") && !toCheck) say("");
+    if (trouble) say("");
     byId("latency").textContent = `answered in ${ms.toFixed(0)} ms`;
     answered += 1;
     if (state.watched === null && !root.dataset.ready) page.watch(worthWatching(found.forecasts, scene.road.range.x));
@@ -174,10 +177,11 @@ const clock = new gnpScene.Clock((passed) => {
   return state.playing;
 });
 
-// One answer for each thing that can be asked.
+// One answer for each thing that can be asked. Why he goes where is not asked of who is not there.
+const questionNow = () => questionOf(state, state.snap(state.time), everyone().has(state.watched));
 const ask = () => {
   if (!state.recording || !tracks.at(state.time) || toCheck) return;
-  const question = questionOf(state, state.snap(state.time)), key = JSON.stringify(question);
+  const question = questionNow(), key = JSON.stringify(question);
   if (key === asked) return;
   asked = key;
   newest.ask(question);
@@ -202,7 +206,7 @@ const render = () => {
   scene.draw(model);
   const sentence = side.render(model);
   root.dataset.answered = answered;
-  if (last && (last.question.watched !== null || !last.forecasts.size)) root.dataset.ready = "1";
+  if (last && (state.watched !== null || !last.forecasts.size) && (last.question.watched === state.watched || !all.has(state.watched))) root.dataset.ready = "1";
   // Read aloud is what has come to rest.
   if (sentence !== told && !state.playing) {
     told = sentence;
@@ -240,7 +244,7 @@ const check = () => {
   const found = toCheck, names = [...recorded().keys()];
   toCheck = null;
   const problem = link.wrongNames(found, names, terms.map((t) => t.name));
-  if (problem) { say(`The link cannot be followed: ${problem}. The scene is shown as it was recorded.`, false, true); return; }
+  if (problem) { say(`The link cannot be followed: ${problem}. The scene is shown as it was recorded.`, { bad: true, ms: READ_MS }); return; }
   state.open({ time: tracks.snap(state.time), watched: found.watched ?? null, hand: found.watched ?? null, changes: found.changes, held: Boolean(found.held) });
   if (found.view) scene.view = found.view; else followWatched();
 };
@@ -252,7 +256,7 @@ const openLink = () => {
   } catch (error) {
     problem = error.message;
   }
-  if (problem) say(`The link cannot be followed: ${problem}.`, false, true);
+  if (problem) say(`The link cannot be followed: ${problem}. Another scene is shown.`, { bad: true, ms: READ_MS });
   if (!found || problem) { open(recordings[0].name); return; }
   toCheck = found;
   open(found.recording, found.road, found.time === undefined ? {} : { time: found.time });
@@ -291,7 +295,7 @@ window.gnp = {
   time: () => ({ time: state.time, held: state.held, ahead: state.ahead }),
   perMetre: () => [scene.road.sx, scene.road.sy],
   // When the answer to what is shown now is drawn.
-  settled: async () => { while (newest.busy || scheduled || !answered || asked !== JSON.stringify(questionOf(state, state.snap(state.time)))) await api.wait(20); },
+  settled: async () => { while (newest.busy || scheduled || !answered || asked !== JSON.stringify(questionNow())) await api.wait(20); },
 };
 
 const start = async () => {
@@ -312,6 +316,6 @@ const start = async () => {
   say("");
   termBoxes(terms, (name) => state.change(changesOf.switchTerm(state.changes, name)));
   options(byId("recording"), recordings.map((r) => [r.name, `${r.name}, ${r.site}`]));
-  if (recordings.length) openLink(); else say("The server has no recordings.", true);
+  if (recordings.length) openLink(); else say("The server has no recordings.", { bad: true, ms: 0 });
 };
 start();
