@@ -148,11 +148,11 @@ def test_terms_of_the_force_are_switched_off(page_of, url, picture):
     assert [box.get_attribute("value") for box in boxes.all()] == terms
     boxes.nth(terms.index("goal")).uncheck()
     assert_shows(play.settle(), url, [{"kind": "without_term", "term": "goal"}])
-    boxes.nth(terms.index("following")).uncheck()
-    assert_shows(play.settle(), url, [{"kind": "without_term", "term": term} for term in ["goal", "following"]])
+    boxes.nth(terms.index("car_following")).uncheck()
+    assert_shows(play.settle(), url, [{"kind": "without_term", "term": term} for term in ["goal", "car_following"]])
     picture(play, "terms")
     boxes.nth(terms.index("goal")).check()
-    assert_shows(play.settle(), url, [{"kind": "without_term", "term": "following"}])
+    assert_shows(play.settle(), url, [{"kind": "without_term", "term": "car_following"}])
 
 
 def test_the_changed_moment_is_driven_on(page_of, url):

@@ -76,11 +76,14 @@ pub(crate) fn run(arguments: LoadArgs, terminal: &Terminal) -> Result<()> {
     let late = server.resident()?;
     server.stop()?;
 
-    let vehicles = scenes.vehicles;
     let rows = vec![
         row(&format!("predict, {} vehicles in the body, as many as it gives", scenes::VEHICLES), CONNECTIONS, &most),
         row(&format!("the same, {asked:.0} a second"), CONNECTIONS, &steady),
-        row(&format!("the page: predict, {vehicles} vehicles, one change"), 1, &dragged[0]),
+        row(
+            &format!("the page: predict, {} vehicles, {} of them recorded", scenes.shown, scenes.recorded),
+            1,
+            &dragged[0],
+        ),
         row("the page: explain at the same time", 1, &dragged[1]),
     ];
     let header =

@@ -10,7 +10,7 @@ use crate::process::{Ended, Running, Signal, Starter};
 
 /// What the line with the address has before it.
 const SCHEME: &str = "http://";
-/// Longest time that an answer to [`Server::get`] is waited for.
+/// Longest time that an answer to [`Server::ask`] is waited for.
 const ANSWER: Duration = Duration::from_secs(10);
 /// Time after the signal in which it must have ended: what runs is finished first.
 const GRACE: Duration = Duration::from_secs(10);
@@ -45,22 +45,31 @@ impl Server {
         format!("{SCHEME}{}", self.address)
     }
 
-    /// The body of an answer with status 200.
+    /// The body of an answer with status 200, to a GET or, with a body of JSON, to a POST.
     ///
     /// # Errors
     /// When there is none within seconds, or another status.
-    pub(crate) fn get(&self, path: &str) -> Result<String> {
+    pub(crate) fn ask(&self, path: &str, body: Option<&str>) -> Result<String> {
         let mut stream = TcpStream::connect(self.address).with_context(|| format!("cannot reach {}", self.url()))?;
         stream.set_read_timeout(Some(ANSWER))?;
         // Of this version, so that the body comes in one piece and ends with the connection.
-        write!(stream, "GET {path} HTTP/1.0\r\nHost: {}\r\n\r\n", self.address)?;
+        match body {
+            None => write!(stream, "GET {path} HTTP/1.0\r\nHost: {}\r\n\r\n", self.address)?,
+            Some(body) => write!(
+                stream,
+                "POST {path} HTTP/1.0\r\nHost: {}\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}",
+                self.address,
+                body.len()
+            )?,
+        }
         let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).with_context(|| format!("no answer to GET {path}"))?;
-        let answer = String::from_utf8(answer).with_context(|| format!("GET {path} is answered with bytes"))?;
-        let (head, body) = answer.split_once("\r\n\r\n").with_context(|| format!("GET {path}: no head"))?;
+        stream.read_to_end(&mut answer).with_context(|| format!("no answer of {path}"))?;
+        let answer = String::from_utf8(answer).with_context(|| format!("{path} is answered with bytes"))?;
+        let (head, body) =
+            answer.split_once("\r\n\r\n").with_context(|| format!("the answer of {path} has no head"))?;
         let status = head.lines().next().unwrap_or_default();
         if !status.contains(" 200") {
-            bail!("GET {path} is answered `{status}`: {body}");
+            bail!("{path} is answered `{status}`: {body}");
         }
         Ok(body.to_owned())
     }

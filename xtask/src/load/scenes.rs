@@ -10,6 +10,10 @@ use crate::serve::Server;
 pub(super) const VEHICLES: usize = 20;
 /// What is observed of each, s.
 const OBSERVED_S: f64 = 3.;
+/// Vehicles of the scene that the page shows; what the fullest moment lacks is added to it.
+const SHOWN: usize = 60;
+/// From one added vehicle to the next, m, and its speed, m/s.
+const ADDED: (f64, f64) = (25., 15.);
 /// What is looked at of each recording, s.
 const SPAN_S: f64 = 60.;
 /// A vehicle is behind another one that is no farther to its side, m.
@@ -20,8 +24,9 @@ const BESIDE: f64 = 2.;
 pub(super) struct Scenes {
     /// Tracks of [`VEHICLES`], to be predicted.
     pub(super) of_program: String,
-    /// Number of vehicles of the page's scene: of the moment that has most.
-    pub(super) vehicles: usize,
+    /// Number of vehicles of the page's scene, and how many of them were recorded.
+    pub(super) shown: usize,
+    pub(super) recorded: usize,
     /// That moment, changed, to be predicted.
     pub(super) predict: String,
     /// The same, to be explained.
@@ -97,6 +102,11 @@ impl Stretch {
             .unwrap_or((0, 0))
     }
 
+    /// Frames of [`OBSERVED_S`].
+    fn steps(&self) -> usize {
+        (OBSERVED_S * self.tracks.rate_hz).round() as usize
+    }
+
     fn time_s(&self, frame: usize) -> f64 {
         self.tracks.from_s + frame as f64 / self.tracks.rate_hz
     }
@@ -109,32 +119,44 @@ impl Scenes {
     /// When it does not answer, or no moment has [`VEHICLES`] vehicles with a full past.
     pub(super) fn of(server: &Server) -> Result<Self> {
         let mut stretches = Vec::new();
-        let listed: Listed = serde_json::from_str(&server.get("/v1/recordings")?).context("/v1/recordings")?;
+        let listed: Listed = serde_json::from_str(&server.ask("/v1/recordings", None)?).context("/v1/recordings")?;
         for Recording { name, from_s, to_s, roads } in listed.recordings {
             for road in roads {
                 let to_s = to_s.min(from_s + SPAN_S);
                 let path = format!("/v1/recordings/{name}/tracks?road={}&from_s={from_s}&to_s={to_s}", road.index);
-                let tracks = serde_json::from_str(&server.get(&path)?).context(path)?;
+                let tracks = serde_json::from_str(&server.ask(&path, None)?).context(path)?;
                 stretches.push(Stretch { recording: name.clone(), road, tracks });
             }
         }
         let of_program =
             stretches.iter().find_map(of_program).context("no recording has a moment with enough vehicles")?;
-        let there = |one: &Vehicle, frame: usize| one.is_there(frame);
-        let page = stretches.iter().max_by_key(|one| one.fullest(there).1).context("the server has no recording")?;
-        let (frame, vehicles) = page.fullest(there);
+        let page =
+            stretches.iter().max_by_key(|one| one.fullest(shown(one)).1).context("the server has no recording")?;
+        let (frame, recorded) = page.fullest(shown(page));
         let (follower, leader) = pair(&page.tracks.vehicles, frame).context("nobody follows anybody")?;
         let scene = json!({"recording": page.recording, "road": page.road.index, "time_s": page.time_s(frame)});
-        let changes = json!([{"kind": "move", "vehicle": leader, "by": [-3, 0]}]);
+        let mut changes = vec![json!({"kind": "move", "vehicle": leader, "by": [-3, 0]})];
+        let places = page.tracks.vehicles.iter().filter_map(|one| one.at(frame));
+        let [x, y] = places.max_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or_default();
+        changes.extend((1..=SHOWN.saturating_sub(recorded)).map(|i| {
+            let at = [x + ADDED.0 * i as f64, y];
+            json!({"kind": "add", "vehicle": format!("new {i}"), "at": at, "mps": ADDED.1, "class": "car", "size": [4.5, 1.8]})
+        }));
         let predict = json!({"scene": scene, "changes": changes, "every_s": 0.2}).to_string();
         let explain = json!({"scene": scene, "changes": changes, "vehicle": follower}).to_string();
-        Ok(Self { of_program: of_program.to_string(), vehicles, predict, explain })
+        Ok(Self { of_program: of_program.to_string(), recorded, shown: recorded.max(SHOWN), predict, explain })
     }
+}
+
+/// Who is predicted in a moment of whole pasts: seen twice at least.
+fn shown(stretch: &Stretch) -> impl Fn(&Vehicle, usize) -> bool + use<> {
+    let steps = stretch.steps();
+    move |one, frame| frame >= steps && one.is_there(frame) && one.is_there(frame - 1)
 }
 
 /// A request with the tracks of [`VEHICLES`] vehicles, all observed for [`OBSERVED_S`].
 fn of_program(stretch: &Stretch) -> Option<Value> {
-    let steps = (OBSERVED_S * stretch.tracks.rate_hz).round() as usize;
+    let steps = stretch.steps();
     let observed = |one: &Vehicle, frame: usize| frame >= steps && one.is_there(frame) && one.is_there(frame - steps);
     let (last, count) = stretch.fullest(observed);
     if count < VEHICLES {
