@@ -1,0 +1,180 @@
+// The road on its canvas: who is there, where they go, what moves the watched one, what was before the changes.
+
+/* global gnpScene */
+const { Road, COLOURS, SLOTS, along } = gnpScene;
+
+// px for 1 m/s², and what is the longest arrow, px.
+const FORCE_PX = 40;
+const GOAL_PX = 9;
+const OBSERVED_S = 3;
+const METRE_PX = 13; // of a metre across the road
+const HEIGHTS = [180, 370]; // of the canvas, px
+const SPANS_M = 40; // the least that is shown
+const LETTERS = "12px system-ui, sans-serif";
+
+export class Scene {
+  constructor(canvas) {
+    this.road = new Road(canvas);
+    this.lines = [];
+    this.following = true;
+  }
+  // A carriageway as the server describes it.
+  open({ lines, x }) {
+    const { road } = this, ys = lines.map((line) => line.y);
+    this.lines = lines.map(({ y, kind }) => ({ y, boundary: kind === "boundary" }));
+    road.range = { x: [x[0] - 20, Math.max(x[1] + 20, x[0] + 100)], y: ys.length ? [Math.min(...ys) - 2.5, Math.max(...ys) + 2.5] : [-8, 8] };
+    this.fitHeight();
+    const [from, to] = road.range.x, narrow = road.canvas.clientWidth < 560;
+    road.zoom = this.limit(((to - from) * (narrow ? 3.6 : 7)) / Math.max(road.canvas.clientWidth, 1));
+    road.centre = (from + to) / 2;
+    this.following = true;
+  }
+  fitHeight() {
+    const { canvas, range } = this.road, wanted = (range.y[1] - range.y[0]) * METRE_PX;
+    canvas.style.height = `${Math.min(Math.max(wanted, HEIGHTS[0]), canvas.clientWidth < 560 ? 260 : HEIGHTS[1])}px`;
+  }
+  limit(zoom) { return Math.min(Math.max(zoom, 1), (this.road.range.x[1] - this.road.range.x[0]) / SPANS_M); }
+  get view() {
+    const { centre, range, zoom } = this.road;
+    return { centre, span: (range.x[1] - range.x[0]) / zoom };
+  }
+  set view({ centre, span }) {
+    this.road.zoom = this.limit((this.road.range.x[1] - this.road.range.x[0]) / span);
+    this.road.centre = centre;
+    this.keepInside();
+    this.following = false;
+  }
+  // The road stays in sight.
+  keepInside() {
+    const { road } = this, [from, to] = road.range.x;
+    road.centre = road.zoom === 1 ? (from + to) / 2 : Math.min(Math.max(road.centre, from), to);
+  }
+  // Around a point of the canvas that stays where it is.
+  zoomBy(factor, pointer = [this.road.width / 2, 0]) {
+    const { road } = this, before = road.place(pointer)[0];
+    road.zoom = this.limit(road.zoom * factor);
+    road.measure();
+    road.centre += before - road.place(pointer)[0];
+    this.keepInside();
+  }
+  panBy(px) {
+    this.road.centre -= px / this.road.sx;
+    this.following = false;
+    this.keepInside();
+  }
+  // A bit of what was, more of what comes.
+  follow(x) {
+    const { span } = this.view;
+    if (this.road.zoom > 1) this.road.centre = x + span * 0.22;
+  }
+  bringIntoView(x) {
+    const { centre, span } = this.view;
+    if (x < centre - span * 0.45 || x > centre + span * 0.3) this.follow(x);
+  }
+
+  // Of what is under a point, px: the goal, a vehicle's name, or null.
+  goalUnder(pointer, goal, reach = 14) {
+    return goal !== null && Math.hypot(this.road.px(goal[0]) - pointer[0], this.road.py(goal[1]) - pointer[1]) <= reach;
+  }
+  vehicleUnder(pointer, everyone, reach = 6) {
+    const far = (v) => Math.hypot(this.road.px(v.at[0]) - pointer[0], this.road.py(v.at[1]) - pointer[1]);
+    const found = [...everyone.values()].filter((v) => !v.removed && this.road.covers(pointer, v.at, v.size, reach));
+    return found.length ? found.reduce((a, b) => (far(a) <= far(b) ? a : b)).id : null;
+  }
+
+  // `everyone` as `changedTraffic` gives it; `forecasts` by name; `before` and `now` the watched one's explained sides.
+  draw({ state, everyone, forecasts, before, now, goal, terms, hover, simulated, behind, past }) {
+    const { road } = this, watched = everyone.get(state.watched), shown = state.shown;
+    if (this.following && watched && !watched.removed) this.follow(watched.at[0]);
+    road.begin(this.lines, [3, 9].map((m) => m * road.sx), road.centre * road.sx - road.width / 2);
+    const { look, pen } = road, forecast = forecasts.get(state.watched);
+    const step = (f) => (state.held ? state.ahead : behind) / f.dt;
+    const rest = (f, path) => [along(path, step(f)), ...path.slice(Math.floor(step(f)) + 1)];
+    for (const v of everyone.values()) if (v.recorded && (v.removed || v.start !== v.recorded)) this.ghost(v, look);
+    if (shown.paths) {
+      pen.globalAlpha = 0.5;
+      for (const [id, f] of forecasts) if (id !== state.watched) road.stroke(rest(f, f.paths[0]), look.past, 1.2);
+      pen.globalAlpha = 1;
+    }
+    if (past.length > 1) road.stroke(past, look.past, 2.5);
+    if (before && state.changes.length) {
+      road.stroke(before.path, look.past, 2.2, [7, 5]);
+      if (state.held && state.ahead > 0 && watched) road.box(watched.size, along(before.path, state.ahead / before.dt), null, look.past, { dash: [4, 3], round: 4, width: 1.5 });
+    }
+    if (forecast) {
+      if (shown.futures) for (const path of forecast.paths.slice(1)) road.stroke(path, COLOURS.others, 1.6);
+      road.stroke(rest(forecast, forecast.paths[0]), look.best, 3);
+    }
+    const near = new Set(forecast && shown.neighbours ? forecast.neighbours.filter(Boolean) : []);
+    for (const v of everyone.values()) if (!v.removed) this.vehicle(v, { state, near, hover, look, leader: forecast?.leader });
+    if (shown.futures && forecast) this.probabilities(forecast, look);
+    if (goal) this.goal(goal, state, look);
+    if (shown.forces && now && watched && !watched.removed) {
+      const i = Math.floor(step(now));
+      for (const { values, colour } of now.forces.toReversed()) if (values.length) road.arrow(watched.at, values[Math.min(i, values.length - 1)], FORCE_PX, colour);
+    }
+    this.labels({ state, everyone, hover, leader: forecast?.leader }, look);
+    road.legend({ scale: now && shown.forces && terms.length ? FORCE_PX : 0, simulated });
+  }
+  vehicle(v, { state, near, hover, look, leader }) {
+    const { road } = this, inHand = v.id === state.hand && !state.goalInHand;
+    const fill = v.id === state.watched ? COLOURS.target : near.has(v.id) || v.id === leader ? look.near : look.test;
+    const rim = inHand || v.id === hover ? look.ink : near.has(v.id) || v.id === leader ? COLOURS.neighbours : look.hull;
+    road.box(v.size, v.at, fill, rim, { round: 5, width: inHand ? 2.5 : v.id === hover ? 2 : 1, dash: v.added && !inHand ? [3, 2] : [] });
+  }
+  ghost(v, look) {
+    const { road } = this, { pen } = road;
+    pen.globalAlpha = 0.75;
+    road.box(v.size, v.recorded, null, look.past, { dash: [4, 3], round: 5, width: 1.5 });
+    if (v.removed) {
+      const [x, y] = [road.px(v.recorded[0]), road.py(v.recorded[1])];
+      pen.strokeStyle = look.past; pen.lineWidth = 1.5;
+      pen.beginPath(); pen.moveTo(x - 5, y - 5); pen.lineTo(x + 5, y + 5); pen.moveTo(x + 5, y - 5); pen.lineTo(x - 5, y + 5); pen.stroke();
+    } else road.stroke([v.recorded, v.start], look.past, 1, [2, 3]);
+    pen.globalAlpha = 1;
+  }
+  goal(at, state, look) {
+    const { pen } = this.road, [x, y] = [this.road.px(at[0]), this.road.py(at[1])], forced = state.changes.some((c) => c.kind === "goal" && c.vehicle === state.watched);
+    pen.beginPath(); pen.arc(x, y, GOAL_PX, 0, 2 * Math.PI);
+    pen.fillStyle = forced ? "#f5c400" : look.paper; pen.globalAlpha = forced ? 1 : 0.75; pen.fill(); pen.globalAlpha = 1;
+    pen.strokeStyle = state.goalInHand ? look.ink : "#8a6d00"; pen.lineWidth = state.goalInHand ? 3 : 2; pen.stroke();
+    pen.beginPath(); pen.moveTo(x - 4, y); pen.lineTo(x + 4, y); pen.moveTo(x, y - 4); pen.lineTo(x, y + 4); pen.strokeStyle = forced ? "#1d2229" : look.ink; pen.lineWidth = 1.2; pen.stroke();
+  }
+  // Letters on paper, so that they can be read on anything; where others stand already, above them.
+  text(words, x, y, look, taken, bold = false) {
+    const { pen, width } = this.road;
+    pen.font = bold ? `600 ${LETTERS}` : LETTERS;
+    const w = pen.measureText(words).width + 6, left = Math.min(Math.max(x - w / 2, 2), width - w - 2);
+    let top = Math.max(y - 8, 2);
+    while (taken.some((t) => left < t.left + t.w && t.left < left + w && Math.abs(top - t.top) < 16)) top -= 16;
+    if (top < 0) return;
+    taken.push({ left, top, w });
+    pen.fillStyle = look.paper; pen.globalAlpha = 0.82; pen.beginPath(); pen.roundRect(left, top, w, 16, 4); pen.fill(); pen.globalAlpha = 1;
+    pen.fillStyle = look.ink; pen.fillText(words, left + 3, top + 12);
+  }
+  probabilities(forecast, look) {
+    const { road } = this, taken = [];
+    forecast.modes.forEach(({ probability }, i) => {
+      const [x, y] = forecast.paths[i].at(-1);
+      if (forecast.modes.length > 1 && road.px(x) > 0 && road.px(x) < road.width - 20) this.text(`${(100 * probability).toFixed(0)} %`, road.px(x) + 24, road.py(y), look, taken, i === 0);
+    });
+  }
+  labels({ state, everyone, hover, leader }, look) {
+    const { road } = this, taken = [];
+    for (const id of new Set([state.watched, state.hand, leader, hover])) {
+      const v = everyone.get(id);
+      if (!v || v.removed) continue;
+      const x = road.px(v.at[0]);
+      if (x > -20 && x < road.width + 20) this.text(`${id}${id === hover || id === state.hand ? ` · ${v.speed.toFixed(1)} m/s` : ""}`, x, road.py(v.at[1]) - (v.size[1] * road.sy) / 2 - 10, look, taken, id === state.watched);
+    }
+  }
+}
+
+// What a vehicle is to the watched one, in words.
+export const relation = (id, forecast) => {
+  if (!forecast) return "";
+  if (id === forecast.leader) return "its leader";
+  const slot = forecast.neighbours.indexOf(id);
+  return slot < 0 ? "" : SLOTS[slot];
+};
+export { OBSERVED_S };
