@@ -1,6 +1,7 @@
 //! Values of arguments that are names.
 
 use clap::ValueEnum;
+use gnp::AddedCar;
 use gnp_data::limits::MAX_SPEED;
 use gnp_data::{Dataset, DatasetNameError, format_of};
 use gnp_eval::{FARTHEST_M, Protocol};
@@ -58,6 +59,28 @@ pub(crate) fn speed(text: &str) -> Result<(u32, f32), String> {
         .split_once('=')
         .and_then(|(vehicle, speed)| Some((vehicle.trim().parse().ok()?, number(speed, MAX_SPEED)?)));
     both.ok_or_else(|| format!("give a vehicle and its speed in m/s, up to {MAX_SPEED}, such as 549=5"))
+}
+
+/// `--move NUMBER=DX,DY`.
+pub(crate) fn moved(text: &str) -> Result<(u32, [f32; 2]), String> {
+    let both = text.split_once('=').and_then(|(vehicle, by)| {
+        let (forward, left) = by.split_once(',')?;
+        Some((vehicle.trim().parse().ok()?, [number(forward, FARTHEST_M)?, number(left, FARTHEST_M)?]))
+    });
+    both.ok_or_else(|| {
+        format!("give a vehicle and how far forward and left it is moved, m, up to {FARTHEST_M}, such as 549=-10,3.5")
+    })
+}
+
+/// `--add X,Y,MPS`.
+pub(crate) fn added(text: &str) -> Result<AddedCar, String> {
+    let mut parts = text.splitn(3, ',');
+    let mut next = |most: f32| number(parts.next()?, most);
+    let [x, y, speed_mps] = [next(FARTHEST_M), next(FARTHEST_M), next(MAX_SPEED)];
+    match (x, y, speed_mps) {
+        (Some(x), Some(y), Some(speed_mps)) => Ok(AddedCar { at: [x, y], speed_mps }),
+        _ => Err("give two lengths in m, forward and left, and a speed in m/s, such as 20,-3.5,12".to_owned()),
+    }
 }
 
 /// A span of time, s: up to a day.

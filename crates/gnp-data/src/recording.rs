@@ -296,11 +296,12 @@ impl Recording {
     /// The vehicle that has this name in the data.
     #[must_use]
     pub fn vehicle_named(&self, name: &str) -> Option<u32> {
-        if self.names.is_empty() {
-            let vehicle = name.trim().parse().ok()?;
-            return self.tracks.binary_search_by_key(&vehicle, |track| track.vehicle).ok().map(|_| vehicle);
-        }
-        self.names.iter().find(|(_, have)| *have == name).map(|(vehicle, _)| *vehicle)
+        let named = self.names.iter().find(|(_, have)| *have == name).map(|(vehicle, _)| *vehicle);
+        let numbered = || {
+            let vehicle = name.trim().parse().ok().filter(|vehicle| !self.names.contains_key(vehicle))?;
+            self.tracks.binary_search_by_key(&vehicle, |track| track.vehicle).ok().map(|_| vehicle)
+        };
+        named.or_else(numbered)
     }
 
     /// The same with names of vehicles, as [`Recording::vehicle_name`] gives them; of vehicles without a track none is

@@ -1,29 +1,50 @@
-//! A window's past with changes: what a predictor is asked with "what if".
+//! A moment with changes: what a predictor is asked with "what if".
 
+mod base;
+mod build;
+mod edits;
+mod road_lanes;
+mod slots;
+
+use std::sync::{Arc, OnceLock};
+
+use self::base::Base;
+use self::edits::Edits;
 use crate::error::DataError;
-use crate::limits::MAX_SPEED;
-use crate::neighbours::{LanePosition, find_neighbours};
-use crate::parts::track_at;
-use crate::recording::{Columns, NO_TRACK, NamedLeader, Recording, Track, VelocitySource};
-use crate::slot::{SLOTS, Slot};
-use crate::window::{Neighbour, Observation};
-use crate::window_shape::WindowShape;
+use crate::limits::{MAX_POSITION, MAX_SPEED, is_position, is_size, sizes};
+use crate::recording::{Track, VehicleClass};
+use crate::snapshot::{Present, Snapshot};
+use crate::window::Observation;
 
-/// Time before the last observed frame over which a changed speed is reached, s.
+/// Time before the moment over which a changed speed is reached, s.
 pub const SPEED_CHANGE_S: f64 = 1.;
 
-/// The observed past of a window's carriageway as a recording of its own, with changes: every
-/// vehicle present in the last observed frame, and no row after it.
+/// The vehicles of a moment with their observed pasts, and with changes; no row after it.
+///
+/// Changes can be made in any order and taken back: a vehicle that is moved by 10 m and by −10 m is where it was, bit by bit,
+/// and so are all others.
+///
+/// - *Neighbours* are looked for by place ([`find_neighbours`](crate::find_neighbours)) without and with the changes. Where
+///   both find the same one, whom the data names stays; otherwise the new one is taken. Whom the data names and no place
+///   tells stays while neither of the two is moved.
+/// - *Leaders without rows of their own*, which only the rows of their follower name, have a place by these. Each is followed
+///   by whoever is directly behind it: where its follower is gone, by the next one; where a vehicle comes between, by that
+///   one. Where nobody is, it is gone.
+/// - *Lanes* of a vehicle that is moved across the road or added are those between the lane lines of its carriageway: off the
+///   road it has none, and is nobody's neighbour. A carriageway without lines leaves vehicles in the lanes they had.
+///
+/// Vehicles may come to lie in one another: [`EditedScene::overlaps`] says which.
 ///
 /// ```no_run
 /// # fn example(observation: gnp_data::Observation<'_>) -> Result<(), gnp_data::DataError> {
-/// use gnp_data::EditedScene;
+/// use gnp_data::{EditedScene, SceneEdit};
 ///
 /// // What would the target do without its leader, and what if the leader were at 5 m/s?
 /// if let Some(leader) = observation.leader() {
-///     let free = EditedScene::of(&observation)?.without(leader.vehicle())?;
-///     let slow = EditedScene::of(&observation)?.with_speed(leader.vehicle(), 5.)?;
-///     let asked = [free.observation()?, slow.observation()?];
+///     let vehicle = leader.vehicle();
+///     let free = EditedScene::of(&observation).with(&SceneEdit::Remove { vehicle })?;
+///     let slow = EditedScene::of(&observation).with(&SceneEdit::Speed { vehicle, speed_mps: 5. })?;
+///     let asked = [free.observation(observation.vehicle())?, slow.observation(observation.vehicle())?];
 ///     // predictor.predict(&asked, 6)
 /// #   let _ = asked;
 /// }
@@ -32,26 +53,84 @@ pub const SPEED_CHANGE_S: f64 = 1.;
 /// ```
 #[derive(Clone, Debug)]
 pub struct EditedScene {
-    recording: Recording,
-    shape: WindowShape,
-    target: u32,
-    /// The last observed frame.
-    frame: u32,
+    base: Arc<Base>,
+    edits: Edits,
+    /// The scene with all edits, once it was asked for.
+    now: OnceLock<Arc<Snapshot>>,
+}
+
+/// A change of the vehicles of a moment.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SceneEdit {
+    /// A vehicle is not there. It may be a leader without a row of its own.
+    Remove {
+        /// Its number.
+        vehicle: u32,
+    },
+    /// A vehicle is elsewhere, its whole past with it. Velocities stay. A leader without a row of its own that comes
+    /// behind its follower's front is absent.
+    Move {
+        /// Its number.
+        vehicle: u32,
+        /// Forward and to the left, m.
+        by: [f32; 2],
+    },
+    /// A vehicle arrives at its present place with another speed: over the last [`SPEED_CHANGE_S`] before the moment its
+    /// speed along the road departs from the recorded one, linearly in time. Its lateral motion stays, and so do the
+    /// places of all others. A leader without a row is absent where it would be behind its follower's front.
+    Speed {
+        /// Its number.
+        vehicle: u32,
+        /// The speed along the road, m/s.
+        speed_mps: f32,
+    },
+    /// Another vehicle is there.
+    Add(NewVehicle),
+}
+
+impl SceneEdit {
+    /// Number of the vehicle.
+    #[must_use]
+    pub fn vehicle(&self) -> u32 {
+        match self {
+            Self::Remove { vehicle } | Self::Move { vehicle, .. } | Self::Speed { vehicle, .. } => *vehicle,
+            Self::Add(new) => new.vehicle,
+        }
+    }
+}
+
+/// A vehicle that was not there. It has driven straight along the road, at one speed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewVehicle {
+    /// Its number, which no other vehicle of the moment has: [`EditedScene::free_number`].
+    pub vehicle: u32,
+    /// What it is called; by its number without.
+    pub name: Option<String>,
+    /// Index of its carriageway.
+    pub road: u16,
+    /// Centre of its box, m, road frame.
+    pub at: [f32; 2],
+    /// Speed along the road, m/s.
+    pub speed_mps: f32,
+    /// Kind of vehicle.
+    pub class: VehicleClass,
+    /// Length and width, m.
+    pub size: [f32; 2],
 }
 
 /// Why a scene cannot be changed so.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneEditError {
-    /// The target was to be removed.
-    #[error("vehicle {vehicle} is the target of the window and cannot be removed")]
-    Target {
+    /// A vehicle that is not there.
+    #[error("vehicle {vehicle} is not there at the moment")]
+    Absent {
         /// The vehicle.
         vehicle: u32,
     },
-    /// A vehicle that is not there.
-    #[error("vehicle {vehicle} is not on the target's carriageway in the last observed frame")]
-    Absent {
+    /// A vehicle that an earlier change removed.
+    #[error("vehicle {vehicle} was removed by an earlier change")]
+    Removed {
         /// The vehicle.
         vehicle: u32,
     },
@@ -69,270 +148,166 @@ pub enum SceneEditError {
         /// The vehicle.
         vehicle: u32,
     },
+    /// A way that leads out of what a road can be.
+    #[error("vehicle {vehicle}: moved by ({forward}, {left}) m it is not within {MAX_POSITION} m of the origin")]
+    Move {
+        /// The vehicle.
+        vehicle: u32,
+        /// Forward, m.
+        forward: f32,
+        /// To the left, m.
+        left: f32,
+    },
+    /// A place that is none.
+    #[error("vehicle {vehicle}: ({x}, {y}) m is not within {MAX_POSITION} m of the origin")]
+    Place {
+        /// The vehicle.
+        vehicle: u32,
+        /// Forward, m.
+        x: f32,
+        /// To the left, m.
+        y: f32,
+    },
+    /// A size that no vehicle has.
+    #[error("vehicle {vehicle}: {length} m by {width} m is no size: vehicles are {}", sizes())]
+    Size {
+        /// The vehicle.
+        vehicle: u32,
+        /// Length, m.
+        length: f32,
+        /// Width, m.
+        width: f32,
+    },
+    /// A vehicle to be added under a number that another one has.
+    #[error("there is a vehicle {vehicle}; give the new one another number")]
+    Taken {
+        /// The number.
+        vehicle: u32,
+    },
+    /// A vehicle to be added to a carriageway that is not there.
+    #[error("vehicle {vehicle} is to be on carriageway {road}, there are {roads}")]
+    Road {
+        /// The vehicle.
+        vehicle: u32,
+        /// The carriageway.
+        road: u16,
+        /// How many there are.
+        roads: usize,
+    },
 }
 
 impl EditedScene {
-    /// The scene of `observation` with nothing changed: its own observation gives the same bits.
-    ///
-    /// # Errors
-    /// [`DataError::Parts`] never for an observation of a checked recording.
-    pub fn of(observation: &Observation<'_>) -> Result<Self, DataError> {
-        let (from, frame) = (observation.recording, observation.frame());
-        // The velocity in a frame needs the one before.
-        let shape = observation.shape;
-        let past = (shape.t_obs - 1).saturating_mul(shape.step).saturating_add(1);
-        let start = frame.saturating_sub(past as u32);
-        let road = observation.track().road;
-        let there = from.present(frame).iter().copied();
-        let kept: Vec<u32> = there.filter(|track| from.tracks()[*track as usize].road == road).collect();
-        let place = |track: u32| kept.binary_search(&track).map_or(NO_TRACK, |place| place as u32);
-
-        let mut tracks = Vec::with_capacity(kept.len());
-        let mut columns = Columns::default();
-        let all = from.columns();
-        let mut leaders = all.named_leader.as_ref().map(|_| Vec::new());
-        for index in &kept {
-            let track = &from.tracks()[*index as usize];
-            let first_frame = track.first_frame.max(start);
-            let (Some(first), Some(last)) = (track.row_at(first_frame), track.row_at(frame)) else { continue };
-            let begin = columns.x.len();
-            columns.x.extend_from_slice(&all.x[first..=last]);
-            columns.y.extend_from_slice(&all.y[first..=last]);
-            columns.lane.extend_from_slice(&all.lane[first..=last]);
-            // The last stored velocity may know the next row.
-            let now = from.velocity_one_sided(*index as usize, last).unwrap_or_default();
-            columns.vx.extend(all.vx[first..last].iter().chain([&now[0]]));
-            columns.vy.extend(all.vy[first..last].iter().chain([&now[1]]));
-            columns.neighbours.resize(columns.x.len() - 1, [NO_TRACK; SLOTS]);
-            columns.neighbours.push(all.neighbours[last].map(place));
-            if let (Some(leaders), Some(all)) = (&mut leaders, &all.named_leader) {
-                leaders.extend_from_slice(&all[first..=last]);
-            }
-            tracks.push(Track { first_frame, rows: begin..columns.x.len(), ..track.clone() });
-        }
-        columns.named_leader = leaders;
-        let recording = Recording::from_parts(from.meta().clone(), from.roads().to_vec(), tracks, columns)?;
-        let recording =
-            Recording { lane_order: from.lane_order.clone(), ..recording }.with_vehicle_names(from.names.clone());
-        Ok(Self { recording, shape, target: observation.track().vehicle, frame })
-    }
-
-    /// The scene without `vehicle`, which may be a leader that has no row of its own. Whoever had it as neighbour
-    /// has the next one instead; who followed it follows whom it followed.
-    ///
-    /// # Errors
-    /// [`SceneEditError::Target`], [`SceneEditError::Absent`].
-    pub fn without(self, vehicle: u32) -> Result<Self, DataError> {
-        if vehicle == self.target {
-            return Err(SceneEditError::Target { vehicle }.into());
-        }
-        let gone = track_at(self.recording.tracks(), vehicle, self.frame);
-        if gone.is_none() && self.followers(vehicle).is_empty() {
-            return Err(SceneEditError::Absent { vehicle }.into());
-        }
-        let mut columns = self.recording.columns().clone();
-        if let Some(gone) = gone {
-            self.pass_on_leader(gone, &mut columns);
-        }
-        for leader in columns.named_leader.iter_mut().flatten().filter(|leader| leader.vehicle == vehicle) {
-            *leader = NamedLeader::default();
-        }
-        let Some(gone) = gone else { return self.rebuilt(self.recording.tracks().to_vec(), columns) };
-
-        let mut tracks = self.recording.tracks().to_vec();
-        let removed = tracks.remove(gone).rows;
-        columns.x.drain(removed.clone());
-        columns.y.drain(removed.clone());
-        columns.vx.drain(removed.clone());
-        columns.vy.drain(removed.clone());
-        columns.lane.drain(removed.clone());
-        columns.neighbours.drain(removed.clone());
-        columns.named_leader.iter_mut().for_each(|leaders| drop(leaders.drain(removed.clone())));
-        for track in &mut tracks[gone..] {
-            track.rows = track.rows.start - removed.len()..track.rows.end - removed.len();
-        }
-        let found = find_neighbours(&self.positions(&tracks, &columns));
-        for (track, found) in tracks.iter().zip(found) {
-            // The others are who they were: the nearest stay the nearest.
-            for (slot, found) in columns.neighbours[track.rows.end - 1].iter_mut().zip(found.0) {
-                *slot = match *slot {
-                    NO_TRACK => NO_TRACK,
-                    other if other as usize == gone => found.map_or(NO_TRACK, |other| other as u32),
-                    other => other - u32::from(other as usize > gone),
-                };
-            }
-        }
-        self.rebuilt(tracks, columns)
-    }
-
-    /// The scene in which `vehicle`, which may be the target or a leader without a row of its own, arrives at its
-    /// present place with `speed_mps` along the road, m/s: over the last [`SPEED_CHANGE_S`] before the last observed
-    /// frame its speed departs from the recorded one, linearly in time. Its lateral motion stays, and so do the
-    /// places of all others. A leader without a row is absent where it would be behind its follower's front.
-    ///
-    /// # Errors
-    /// [`SceneEditError::Speed`], [`SceneEditError::Absent`], [`SceneEditError::NoPast`].
-    pub fn with_speed(self, vehicle: u32, speed_mps: f32) -> Result<Self, DataError> {
-        if !(0. ..=MAX_SPEED).contains(&speed_mps) {
-            return Err(SceneEditError::Speed { vehicle, speed_mps }.into());
-        }
-        let mut columns = self.recording.columns().clone();
-        match track_at(self.recording.tracks(), vehicle, self.frame) {
-            Some(track) => self.change_recorded(track, speed_mps, &mut columns)?,
-            None => self.change_named(vehicle, speed_mps, &mut columns)?,
-        }
-        self.rebuilt(self.recording.tracks().to_vec(), columns)
-    }
-
-    /// What a predictor may see of the target in the changed scene, under the name of the window it was made of.
-    ///
-    /// # Errors
-    /// [`DataError::Window`] never for a scene of an observation.
-    pub fn observation(&self) -> Result<Observation<'_>, DataError> {
-        let absent = SceneEditError::Absent { vehicle: self.target };
-        let track = track_at(self.recording.tracks(), self.target, self.frame).ok_or(absent)?;
-        let row = self.recording.tracks()[track].rows.end - 1;
-        Ok(Observation::new(&self.recording, self.shape, track, row)?)
-    }
-
-    /// The scene: every vehicle of the carriageway up to the last observed frame. Neighbours stand in that frame alone.
+    /// The vehicles on the carriageway of `observation` with nothing changed: its own observation gives the same bits.
+    /// Pasts are as they are; a vehicle whose past is short has no observation.
     #[must_use]
-    pub fn recording(&self) -> &Recording {
-        &self.recording
+    pub fn of(observation: &Observation<'_>) -> Self {
+        Self::from_snapshot(Snapshot::as_seen(observation))
     }
 
-    fn rebuilt(&self, tracks: Vec<Track>, columns: Columns) -> Result<Self, DataError> {
-        let old = &self.recording;
-        let recording = Recording::from_parts(old.meta().clone(), old.roads().to_vec(), tracks, columns)?;
-        let recording = Recording { lane_order: old.lane_order.clone(), ..recording };
-        Ok(Self { recording: recording.with_vehicle_names(old.names.clone()), ..*self })
+    /// The vehicles of a snapshot on all its carriageways with nothing changed.
+    #[must_use]
+    pub fn from_snapshot(snapshot: Snapshot) -> Self {
+        Self { base: Arc::new(Base::of(snapshot)), edits: Edits::default(), now: OnceLock::new() }
     }
 
-    /// Tracks whose last row names `vehicle`, which has no track, as leader.
-    fn followers(&self, vehicle: u32) -> Vec<usize> {
-        let named = |track: &Track| self.recording.named_leader(track.rows.end - 1);
-        let names = |track: &Track| named(track).is_some_and(|leader| leader.vehicle == vehicle);
-        (0..self.recording.tracks().len()).filter(|track| names(&self.recording.tracks()[*track])).collect()
-    }
-
-    /// Who follows track `gone` follows the leader that only its rows tell.
-    fn pass_on_leader(&self, gone: usize, columns: &mut Columns) {
-        let tracks = self.recording.tracks();
-        let (leading, Some(leaders)) = (&tracks[gone], &mut columns.named_leader) else { return };
-        let last = leading.rows.end - 1;
-        let passed_on = leaders[last].vehicle;
-        if passed_on == 0 {
-            return;
-        }
-        let preceding = |track: &&Track| self.recording.neighbour(track.rows.end - 1, Slot::Preceding) == Some(gone);
-        for track in tracks.iter().filter(preceding) {
-            if leaders[track.rows.end - 1].vehicle != 0 {
-                continue;
-            }
-            for (row, from) in track.rows.clone().rev().zip(leading.rows.clone().rev()) {
-                let NamedLeader { vehicle, headway } = leaders[from];
-                let centres = columns.x[from] - columns.x[row];
-                let headway = headway + centres + (leading.length - track.length) / 2.;
-                if vehicle == passed_on && leaders[row].vehicle == 0 && headway > 0. {
-                    leaders[row] = NamedLeader { vehicle, headway };
-                }
-            }
-        }
-    }
-
-    /// Vehicles of the last observed frame by lane, 1 leftmost.
-    fn positions(&self, tracks: &[Track], columns: &Columns) -> Vec<LanePosition> {
-        let lane = |track: &Track| columns.lane[track.rows.end - 1];
-        let known: Vec<(f32, f32)> = tracks
-            .iter()
-            .filter(|track| lane(track) > 0)
-            .map(|track| (f32::from(lane(track)), columns.y[track.rows.end - 1]))
-            .collect();
-        let count = known.len().max(1) as f32;
-        let mean = |of: fn(&(f32, f32)) -> f32| known.iter().map(of).sum::<f32>() / count;
-        let (lanes, y) = (mean(|it| it.0), mean(|it| it.1));
-        // Where the data names neighbours, lane numbers may grow to the left.
-        let to_the_left = known.iter().map(|it| (it.0 - lanes) * (it.1 - y)).sum::<f32>() > 0.;
-        let highest = tracks.iter().map(lane).max().unwrap_or(0);
-        let place = |lane: i16| match &self.recording.lane_order {
-            Some(order) => order.get(&lane).copied().unwrap_or(0),
-            None if to_the_left && lane > 0 => highest - lane + 1,
-            None => lane,
-        };
-        let position = |track: &Track| LanePosition {
-            lane: place(lane(track)),
-            x: columns.x[track.rows.end - 1],
-            length: track.length,
-        };
-        tracks.iter().map(position).collect()
-    }
-
-    fn change_recorded(&self, track: usize, speed_mps: f32, columns: &mut Columns) -> Result<(), SceneEditError> {
-        let Track { vehicle, ref rows, .. } = self.recording.tracks()[track];
-        let now = self.recording.velocity_one_sided(track, rows.end - 1).ok_or(SceneEditError::NoPast { vehicle })?;
-        let change = self.change(speed_mps - now[0], rows.len());
-        let recorded = self.recording.meta().velocities == VelocitySource::Recorded;
-        for (back, row) in rows.clone().rev().enumerate() {
-            columns.x[row] += change[back].place;
-            if let Some(leaders) = &mut columns.named_leader {
-                leaders[row] = moved(leaders[row], -change[back].place);
-            }
-            // A derived velocity is a difference to the row after, too.
-            columns.vx[row] += match back.checked_sub(1) {
-                Some(after) if !recorded && row == rows.start => change[after].speed,
-                Some(after) if !recorded => (change[back].speed + change[after].speed) / 2.,
-                _ => change[back].speed,
-            };
-        }
+    /// Changes it.
+    ///
+    /// # Errors
+    /// [`SceneEditError`]; then nothing is changed.
+    pub fn apply(&mut self, edit: &SceneEdit) -> Result<(), SceneEditError> {
+        self.edits.add(edit, &self.base)?;
+        self.now = OnceLock::new();
         Ok(())
     }
 
-    fn change_named(&self, vehicle: u32, speed_mps: f32, columns: &mut Columns) -> Result<(), DataError> {
-        let followers = self.followers(vehicle);
-        let Some(leaders) = columns.named_leader.as_mut().filter(|_| !followers.is_empty()) else {
-            return Err(SceneEditError::Absent { vehicle }.into());
-        };
-        for track in followers {
-            let follower = Neighbour { observation: self.observation()?, track };
-            let now =
-                follower.leader().and_then(|leader| leader.velocity()).ok_or(SceneEditError::NoPast { vehicle })?;
-            let rows = self.recording.tracks()[track].rows.clone();
-            let change = self.change(speed_mps - now[0], rows.len());
-            for (leader, change) in leaders[rows].iter_mut().rev().zip(change) {
-                if leader.vehicle == vehicle {
-                    *leader = moved(*leader, change.place);
+    /// The scene with a change.
+    ///
+    /// # Errors
+    /// [`SceneEditError`].
+    pub fn with(mut self, edit: &SceneEdit) -> Result<Self, SceneEditError> {
+        self.apply(edit)?;
+        Ok(self)
+    }
+
+    /// The scene as it is now: its vehicles, with what a predictor may see of each. Neighbours and presence stand in the last
+    /// frame alone.
+    #[must_use]
+    pub fn snapshot(&self) -> &Snapshot {
+        self.now.get_or_init(|| {
+            if self.edits.is_empty() {
+                Arc::clone(&self.base.scene)
+            } else {
+                Arc::new(build::scene(&self.base, &self.edits))
+            }
+        })
+    }
+
+    /// A vehicle of the scene.
+    ///
+    /// # Errors
+    /// [`SceneEditError::Absent`], [`SceneEditError::Removed`].
+    pub fn present(&self, vehicle: u32) -> Result<Present<'_>, SceneEditError> {
+        self.snapshot().vehicle(vehicle).ok_or_else(|| self.edits.absent(vehicle))
+    }
+
+    /// What a predictor may see of a vehicle, under the name of the recording the scene was made of.
+    ///
+    /// # Errors
+    /// As [`EditedScene::present`]; [`DataError::Window`] for one whose past is short or tells no velocity.
+    pub fn observation(&self, vehicle: u32) -> Result<Observation<'_>, DataError> {
+        let present = self.present(vehicle)?;
+        Ok(present.window()?)
+    }
+
+    /// Numbers of the vehicles that are there, and of the leaders that only rows of theirs name.
+    pub fn numbers(&self) -> impl Iterator<Item = u32> {
+        let recording = self.snapshot().recording();
+        let named = |track: &Track| recording.named_leader(track.rows.end - 1).map(|leader| leader.vehicle);
+        recording.tracks().iter().flat_map(move |track| [Some(track.vehicle), named(track)]).flatten()
+    }
+
+    /// A number that no vehicle of the moment has, and none of `taken`; `None` where the last one is.
+    #[must_use]
+    pub fn free_number(&self, taken: &[u32]) -> Option<u32> {
+        let there = self.base.numbers().chain(self.edits.added.keys().copied()).chain(taken.iter().copied());
+        there.max().unwrap_or(0).checked_add(1)
+    }
+
+    /// Pairs of vehicles whose boxes lie in one another at the moment, one of them moved or added at least; each pair by
+    /// growing number.
+    #[must_use]
+    pub fn overlaps(&self) -> Vec<[u32; 2]> {
+        let recording = self.snapshot().recording();
+        let (tracks, columns) = (recording.tracks(), recording.columns());
+        let mut pairs = Vec::new();
+        for (i, a) in tracks.iter().enumerate() {
+            for b in tracks[i + 1..].iter().filter(|b| b.road == a.road) {
+                if !(self.edits.is_placed(a.vehicle) || self.edits.is_placed(b.vehicle)) {
+                    continue;
+                }
+                let apart = |column: &[f32]| (column[a.rows.end - 1] - column[b.rows.end - 1]).abs();
+                if apart(&columns.x) < (a.length + b.length) / 2. && apart(&columns.y) < (a.width + b.width) / 2. {
+                    pairs.push([a.vehicle, b.vehicle]);
                 }
             }
         }
-        Ok(())
-    }
-
-    /// What a difference of speeds of `faster` m/s at the end does to the last `rows` frames, the last first.
-    fn change(&self, faster: f32, rows: usize) -> Vec<Change> {
-        let dt = 1. / self.recording.meta().rate_hz;
-        let mut place = 0f64;
-        let change = |back: usize| {
-            let speed = f64::from(faster) * (1. - back as f64 * dt / SPEED_CHANGE_S).max(0.);
-            let change = Change { place: place as f32, speed: speed as f32 };
-            // Where it comes from, one frame before.
-            place -= speed * dt;
-            change
-        };
-        (0..rows).map(change).collect()
+        pairs
     }
 }
 
-/// How a frame differs from the recorded one.
-#[derive(Clone, Copy)]
-struct Change {
-    /// Forward, m.
-    place: f32,
-    /// Speed from the frame before to this one, m/s.
-    speed: f32,
+/// Whether a new vehicle can be one.
+fn check_new(new: &NewVehicle, roads: usize) -> Result<(), SceneEditError> {
+    let NewVehicle { vehicle, road, at: [x, y], speed_mps, size: [length, width], .. } = *new;
+    if usize::from(road) >= roads {
+        return Err(SceneEditError::Road { vehicle, road, roads });
+    }
+    if !is_position(new.at) {
+        return Err(SceneEditError::Place { vehicle, x, y });
+    }
+    check_speed(vehicle, speed_mps)?;
+    if is_size(new.size) { Ok(()) } else { Err(SceneEditError::Size { vehicle, length, width }) }
 }
 
-/// A leader that is `forward` m further ahead of its follower, if it still is ahead.
-fn moved(leader: NamedLeader, forward: f32) -> NamedLeader {
-    let headway = leader.headway + forward;
-    if leader.vehicle != 0 && headway > 0. { NamedLeader { headway, ..leader } } else { NamedLeader::default() }
+fn check_speed(vehicle: u32, speed_mps: f32) -> Result<(), SceneEditError> {
+    if (0. ..=MAX_SPEED).contains(&speed_mps) { Ok(()) } else { Err(SceneEditError::Speed { vehicle, speed_mps }) }
 }

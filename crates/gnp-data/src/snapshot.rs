@@ -47,12 +47,12 @@ const BENT_FROM_S: f64 = 0.5;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    recording: Recording,
+    pub(crate) recording: Recording,
     shape: WindowShape,
     /// Number of the moment in `recording`.
-    frame: u32,
+    pub(crate) frame: u32,
     /// By track: each vehicle has one.
-    pasts: Vec<Past>,
+    pub(crate) pasts: Vec<Past>,
     /// Where vehicles are in their lanes, and who is beside whom; both are room to work in.
     places: Vec<LanePosition>,
     neighbours: Neighbours,
@@ -66,6 +66,11 @@ pub enum Past {
     Full,
     /// The last `observed_s`, s; 0 for the last frame alone. The others are filled at constant velocity.
     Filled {
+        /// Time from its first frame to the moment, s.
+        observed_s: f64,
+    },
+    /// The last `observed_s`, s, and no others: where a past is left as it is, such a vehicle is not predicted.
+    Short {
         /// Time from its first frame to the moment, s.
         observed_s: f64,
     },
@@ -99,14 +104,26 @@ impl<'a> Present<'a> {
         self.snapshot.pasts[self.index]
     }
 
-    /// What a predictor may see of it; `None` with [`Past::NoVelocity`].
+    /// What a predictor may see of it; `None` with [`Past::Short`] and [`Past::NoVelocity`].
     #[must_use]
     pub fn observation(&self) -> Option<Observation<'a>> {
         if self.past() == Past::NoVelocity {
             return None;
         }
+        self.window().ok()
+    }
+
+    /// The same, or why there is none.
+    pub(crate) fn window(&self) -> Result<Observation<'a>, WindowError> {
         let Snapshot { recording, shape, .. } = self.snapshot;
-        Observation::new(recording, *shape, self.index, self.track().rows.end - 1).ok()
+        Observation::new(recording, *shape, self.index, self.track().rows.end - 1)
+    }
+
+    /// Centre at the moment, m, road frame.
+    #[must_use]
+    pub fn at(&self) -> [f32; 2] {
+        let now = self.snapshot.recording.state(self.track().rows.end - 1);
+        [now.x, now.y]
     }
 }
 
@@ -131,6 +148,21 @@ impl Snapshot {
         if !same_rate(recording_hz, shape.rate_hz * shape.step as f64) {
             return Err(WindowError::Rate { recording_hz, shape });
         }
+        self.cut(recording, frame, None, true);
+        Ok(())
+    }
+
+    /// The vehicles on the carriageway of `seen`, with their pasts as they are.
+    pub(crate) fn as_seen(seen: &Observation<'_>) -> Self {
+        let Observation { recording, shape, .. } = *seen;
+        let mut snapshot = Self::without_vehicles(recording.meta.clone(), recording.roads.clone(), shape);
+        snapshot.cut(recording, seen.frame(), Some(seen.road()), false);
+        snapshot
+    }
+
+    /// Takes the vehicles of a moment, those of a carriageway or all of them; short pasts are filled or left as they are.
+    fn cut(&mut self, recording: &Recording, frame: u32, road: Option<u16>, fills: bool) {
+        let recording_hz = recording.meta.rate_hz;
         let own = &mut self.recording;
         keep_equal(&mut own.meta, &recording.meta);
         keep_equal(&mut own.roads, &recording.roads);
@@ -142,11 +174,13 @@ impl Snapshot {
             self.recording.columns.named_leader = all.named_leader.as_ref().map(|_| Vec::new());
         }
         // A past is filled before the first frame of a recording, too.
-        let shift = (needed as u32 - 1).saturating_sub(frame);
+        let shift = if fills { (needed as u32 - 1).saturating_sub(frame) } else { 0 };
         self.frame = frame + shift;
         self.recording.meta.start_s = recording.meta.start_s - f64::from(shift) / recording_hz;
-        for index in recording.present(frame) {
-            let from = &recording.tracks[*index as usize];
+        let on_road = |index: &usize| road.is_none_or(|road| recording.tracks[*index].road == road);
+        let kept = || recording.present(frame).iter().map(|index| *index as usize).filter(on_road);
+        for index in kept() {
+            let from = &recording.tracks[index];
             let Some(last) = from.row_at(frame) else { continue };
             // The velocity in a frame needs the one before.
             let first = from.rows.start.max(last.saturating_sub(needed));
@@ -156,7 +190,7 @@ impl Snapshot {
             columns.y.extend_from_slice(&all.y[first..=last]);
             columns.lane.extend_from_slice(&all.lane[first..=last]);
             // The last stored velocity may know the next row.
-            let now = recording.velocity_one_sided(*index as usize, last);
+            let now = recording.velocity_one_sided(index, last);
             let [vx, vy] = now.unwrap_or_default();
             columns.vx.extend(all.vx[first..last].iter().chain([&vx]));
             columns.vy.extend(all.vy[first..last].iter().chain([&vy]));
@@ -165,21 +199,33 @@ impl Snapshot {
             }
             columns.neighbours.resize(columns.x.len(), [NO_TRACK; SLOTS]);
             let recorded = recording.meta.velocities == VelocitySource::Recorded && now.is_some();
-            self.add(from.clone(), start, recorded.then(|| [all.vx[first], all.vy[first]]));
+            if fills {
+                self.add(from.clone(), start, recorded.then(|| [all.vx[first], all.vy[first]]));
+            } else {
+                self.add_as_seen(from.clone(), start, now.is_some());
+            }
         }
-        for (i, index) in recording.present(frame).iter().enumerate() {
-            let Some(row) = recording.tracks[*index as usize].row_at(frame) else { continue };
-            let present = recording.present(frame);
-            let place = |track: u32| present.binary_search(&track).ok();
-            self.set_neighbours(i, all.neighbours[row].map(place));
+        let name = |track: &Track| (track.vehicle, track.segment);
+        for (i, index) in kept().enumerate() {
+            let Some(row) = recording.tracks[index].row_at(frame) else { continue };
+            let own = &self.recording.tracks;
+            let place = |track: u32| own.binary_search_by_key(&name(&recording.tracks[track as usize]), name).ok();
+            let named = all.neighbours[row].map(|track| if track == NO_TRACK { None } else { place(track) });
+            self.set_neighbours(i, named);
         }
         self.index();
-        Ok(())
     }
 
     /// The vehicles present at the moment, in the order of the recording's tracks.
     pub fn vehicles(&self) -> impl ExactSizeIterator<Item = Present<'_>> {
         (0..self.pasts.len()).map(|index| Present { snapshot: self, index })
+    }
+
+    /// A vehicle of them by its number.
+    #[must_use]
+    pub fn vehicle(&self, vehicle: u32) -> Option<Present<'_>> {
+        let index = self.recording.tracks.binary_search_by_key(&vehicle, |track| track.vehicle).ok()?;
+        Some(Present { snapshot: self, index })
     }
 
     /// The shape of its windows.
@@ -204,6 +250,10 @@ impl Snapshot {
 
     fn empty(meta: RecordingMeta, roads: Vec<Road>, shape: WindowShape) -> Result<Self, WindowError> {
         shape.check()?;
+        Ok(Self::without_vehicles(meta, roads, shape))
+    }
+
+    pub(crate) fn without_vehicles(meta: RecordingMeta, roads: Vec<Road>, shape: WindowShape) -> Self {
         let recording = Recording {
             meta,
             roads,
@@ -215,11 +265,11 @@ impl Snapshot {
             names: BTreeMap::new(),
         };
         let (pasts, places, neighbours) = (Vec::new(), Vec::new(), Neighbours::default());
-        Ok(Self { recording, shape, frame: 0, pasts, places, neighbours })
+        Self { recording, shape, frame: 0, pasts, places, neighbours }
     }
 
     /// Recorded frames that the observed ones span.
-    fn needed(&self) -> usize {
+    pub(crate) fn needed(&self) -> usize {
         (self.shape.t_obs - 1).saturating_mul(self.shape.step).saturating_add(1)
     }
 
@@ -242,10 +292,7 @@ impl Snapshot {
         let seen = self.recording.columns.x.len() - start;
         let past = match measured.or_else(|| self.first_velocity(start)) {
             _ if seen >= needed => Past::Full,
-            None => {
-                self.recording.without_velocity.push(self.pasts.len() as u32);
-                Past::NoVelocity
-            }
+            None => Past::NoVelocity,
             Some(velocity) => {
                 self.fill(start, needed - seen, velocity);
                 Past::Filled { observed_s: (seen - 1) as f64 / rate_hz }
@@ -253,7 +300,29 @@ impl Snapshot {
         };
         let rows = start..self.recording.columns.x.len();
         let first_frame = self.frame + 1 - rows.len() as u32;
-        self.recording.tracks.push(Track { first_frame, rows, ..track });
+        self.put(Track { first_frame, rows, ..track }, past);
+    }
+
+    /// Adds a track of the rows from `start` on, whose past stays as it is.
+    fn add_as_seen(&mut self, track: Track, start: usize, moves: bool) {
+        let rows = start..self.recording.columns.x.len();
+        let (seen, rate_hz) = (rows.len(), self.recording.meta.rate_hz);
+        let past = if seen >= self.needed() {
+            Past::Full
+        } else if moves {
+            Past::Short { observed_s: (seen - 1) as f64 / rate_hz }
+        } else {
+            Past::NoVelocity
+        };
+        self.put(Track { first_frame: self.frame + 1 - seen as u32, rows, ..track }, past);
+    }
+
+    /// Adds a track whose rows are there.
+    pub(crate) fn put(&mut self, track: Track, past: Past) {
+        if past == Past::NoVelocity {
+            self.recording.without_velocity.push(self.pasts.len() as u32);
+        }
+        self.recording.tracks.push(track);
         self.pasts.push(past);
     }
 
@@ -302,7 +371,7 @@ impl Snapshot {
     }
 
     /// Names the neighbours of vehicle `i` at the moment, each by its place among the vehicles.
-    fn set_neighbours(&mut self, i: usize, slots: [Option<usize>; SLOTS]) {
+    pub(crate) fn set_neighbours(&mut self, i: usize, slots: [Option<usize>; SLOTS]) {
         if let Some(track) = self.recording.tracks.get(i) {
             let named = slots.map(|other| other.map_or(NO_TRACK, |other| other as u32));
             self.recording.columns.neighbours[track.rows.end - 1] = named;
@@ -310,7 +379,7 @@ impl Snapshot {
     }
 
     /// Every vehicle is present at the moment.
-    fn index(&mut self) {
+    pub(crate) fn index(&mut self) {
         self.recording.frames.set_only(self.frame, 0..self.pasts.len() as u32);
     }
 }

@@ -9,8 +9,8 @@ use std::path::Path;
 
 use gnp_data::{
     Dataset, EditedScene, Expectation, LaneMarking, Leader, LiveError, LiveScene, Observation, Past, Present,
-    Recording, RecordingMeta, SLOTS, Sample, Slot, Snapshot, TrackState, VehicleBody, VehicleClass, VelocitySource,
-    WindowConfig, WindowError, WindowSet, WindowShape, discover, read,
+    Recording, RecordingMeta, SLOTS, Sample, SceneEdit, Slot, Snapshot, TrackState, VehicleBody, VehicleClass,
+    VelocitySource, WindowConfig, WindowError, WindowSet, WindowShape, discover, read,
 };
 use scene::{NO_TRACK, from_positions, reachable};
 
@@ -209,14 +209,14 @@ fn what_is_filled_can_be_asked_what_if() {
     let snapshot = Snapshot::of(&snapshot_of, 12, SHAPE).unwrap();
     for vehicle in [1, 2] {
         let seen = find(&snapshot, vehicle).observation().unwrap();
-        let scene = EditedScene::of(&seen).unwrap();
-        let edited = scene.observation().unwrap();
+        let scene = EditedScene::of(&seen);
+        let edited = scene.observation(vehicle).unwrap();
         assert!((0..SHAPE.t_obs).all(|i| edited.target(i) == seen.target(i)));
         assert!(edited.others().map(|it| it.vehicle()).eq(seen.others().map(|it| it.vehicle())));
     }
     let seen = find(&snapshot, 1).observation().unwrap();
-    let alone = EditedScene::of(&seen).unwrap().without(2).unwrap();
-    assert!(alone.observation().unwrap().neighbour(Slot::Preceding).is_none());
+    let alone = EditedScene::of(&seen).with(&SceneEdit::Remove { vehicle: 2 }).unwrap();
+    assert!(alone.observation(1).unwrap().neighbour(Slot::Preceding).is_none());
 }
 
 #[test]

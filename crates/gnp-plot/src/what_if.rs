@@ -10,15 +10,15 @@ use crate::road_view::{AXIS_SPACE, HIGHEST, Paths, RoadView, path_legend, thinne
 use crate::scene::{Scene, VehicleBox};
 use crate::svg::Svg;
 
-/// A vehicle that is spoken of.
+/// A vehicle that is spoken of. Where it is elsewhere in the changed scene, or not there, a dashed box shows where it was.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
-    /// Where it is at the last observed frame.
-    pub at: VehicleBox,
     /// What is written beside it, such as its number.
     pub label: String,
-    /// Whether the changed scene does without it: there its box is dashed.
-    pub gone: bool,
+    /// Where it is as it is, in the frame of that scene.
+    pub before: Option<VehicleBox>,
+    /// Where it is in the changed scene, in the frame of that one.
+    pub after: Option<VehicleBox>,
 }
 
 /// Two forecasts of one moment.
@@ -30,6 +30,8 @@ pub struct WhatIf<'a> {
     pub before: &'a Scene,
     /// With the change.
     pub after: &'a Scene,
+    /// Origin of the frame of `before` in that of `after`, m: none but where the vehicle itself is moved.
+    pub shift: [f32; 2],
     /// Vehicles that are spoken of.
     pub marks: &'a [Mark],
     /// What the change does to the prediction, cause by cause: [`Account::change_to`].
@@ -39,15 +41,19 @@ pub struct WhatIf<'a> {
 /// Both scenes on one scale, the first prediction in the second one too; below, what the difference is made of.
 #[must_use]
 pub fn what_if(name: &str, title: &str, both: &WhatIf<'_>, source: &Source) -> Figure {
-    let WhatIf { what, before, after, marks, change } = both;
+    let WhatIf { what, before, after, shift, marks, change } = both;
+    let shifted = |[x, y]: [f32; 2]| [x + shift[0], y + shift[1]];
     let mut sheet = Sheet::new(name, title);
     sheet.note(&before.title);
     sheet.y = path_legend(&mut sheet.svg, sheet.y, "prediction", "other futures");
     sheet.y = ghost_legend(&mut sheet.svg, sheet.y);
-    let seen: Vec<[f32; 2]> = marks
-        .iter()
-        .flat_map(|mark| [-0.5f32, 0.5].map(|half| [mark.at.centre[0] + half * mark.at.size[0], mark.at.centre[1]]))
-        .collect();
+    let boxes = marks.iter().flat_map(|mark| {
+        let was = mark.before.map(|at| VehicleBox { centre: shifted(at.centre), ..at });
+        [mark.before, was, mark.after]
+    });
+    let ends = |at: VehicleBox| [-0.5f32, 0.5].map(|half| [at.centre[0] + half * at.size[0], at.centre[1]]);
+    let mut seen: Vec<[f32; 2]> = boxes.flatten().flat_map(ends).collect();
+    seen.extend(before.modes.iter().flat_map(|mode| mode.path.iter().copied().map(shifted)));
     for (scene, words, changed) in [(before, "As it is:", false), (after, *what, true)] {
         let words = if changed { format!("{}:", capital(words)) } else { words.to_owned() };
         sheet.note(&words);
@@ -58,8 +64,8 @@ pub fn what_if(name: &str, title: &str, both: &WhatIf<'_>, source: &Source) -> F
         view.vehicles(&mut sheet.svg, scene);
         view.paths(&mut sheet.svg, scene, Paths::Prediction);
         if changed && let Some(mode) = before.modes.first() {
-            let mut points = vec![view.panel.at(0., 0.)];
-            points.extend(view.panel.points(&mode.path));
+            let path: Vec<[f32; 2]> = [[0.; 2]].iter().chain(&mode.path).copied().map(shifted).collect();
+            let points = view.panel.points(&path);
             // The changed prediction may lie on it; its end stays to be seen.
             let end = points.last().copied();
             sheet.svg.path(&thinned(points, 40), &ghost("as-it-is"));
@@ -68,7 +74,15 @@ pub fn what_if(name: &str, title: &str, both: &WhatIf<'_>, source: &Source) -> F
             }
         }
         for mark in *marks {
-            drawn_mark(&mut sheet.svg, &view, mark, changed);
+            let was =
+                mark.before.map(|at| VehicleBox { centre: if changed { shifted(at.centre) } else { at.centre }, ..at });
+            let now = if changed { mark.after } else { was };
+            let ghost = was.filter(|was| now.is_none_or(|now| apart(was.centre, now.centre) > SAME_PLACE));
+            if let Some(at) = now.or(ghost) {
+                label(&mut sheet.svg, &view, at, &mark.label);
+            }
+            now.iter().for_each(|at| outline(&mut sheet.svg, &view, *at, ""));
+            ghost.iter().for_each(|at| outline(&mut sheet.svg, &view, *at, "stroke-dasharray=\"2 1.5\""));
         }
         sheet.svg.end();
         view.frame(&mut sheet.svg);
@@ -110,15 +124,23 @@ fn ghost_legend(svg: &mut Svg, y: f64) -> f64 {
     legend.bottom()
 }
 
-fn drawn_mark(svg: &mut Svg, view: &RoadView, mark: &Mark, changed: bool) {
-    let gone = changed && mark.gone;
-    let dashes = if gone { "stroke-dasharray=\"2 1.5\"" } else { "" };
+/// Boxes nearer than this are the same, m.
+const SAME_PLACE: f32 = 0.05;
+
+fn apart(a: [f32; 2], b: [f32; 2]) -> f32 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+fn outline(svg: &mut Svg, view: &RoadView, at: VehicleBox, dashes: &str) {
     let style = format!("class=\"mark\" fill=\"none\" stroke=\"{INK}\" stroke-width=\"1.1\" {dashes}");
-    view.vehicle(svg, mark.at.centre, mark.at.size, &style);
-    let [x, y] = mark.at.centre;
-    let [left, top] = view.panel.at(x.into(), (y + mark.at.size[1] / 2.).into());
+    view.vehicle(svg, at.centre, at.size, &style);
+}
+
+fn label(svg: &mut Svg, view: &RoadView, at: VehicleBox, words: &str) {
+    let [x, y] = at.centre;
+    let [left, top] = view.panel.at(x.into(), (y + at.size[1] / 2.).into());
     let style = "font-size=\"9\" text-anchor=\"middle\" stroke=\"#ffffff\" stroke-width=\"2\" paint-order=\"stroke\"";
-    svg.text([left, top - 2.5], &mark.label, &format!("class=\"label\" {style} fill=\"{INK}\""));
+    svg.text([left, top - 2.5], words, &format!("class=\"label\" {style} fill=\"{INK}\""));
 }
 
 /// With a capital letter, as a sentence begins.

@@ -122,7 +122,7 @@ fn changed_scene(source: &Source) -> Figure {
     after.others.remove(0);
     after.modes[0].path.iter_mut().for_each(|at| at[0] *= 1.1);
     let at = before.others[0].now;
-    let marks = [Mark { at, label: "34".to_owned(), gone: true }];
+    let marks = [Mark { label: "34".to_owned(), before: Some(at), after: None }];
     let gone = Account {
         parts: account().parts.into_iter().filter(|part| part.cause.to_string() != "leader 34").collect(),
         velocity: [12., 0.],
@@ -133,7 +133,7 @@ fn changed_scene(source: &Source) -> Figure {
     what_if(
         "what-if",
         "What if",
-        &WhatIf { what, before: &before, after: &after, marks: &marks, change: &change },
+        &WhatIf { what, before: &before, after: &after, shift: [0.; 2], marks: &marks, change: &change },
         source,
     )
 }

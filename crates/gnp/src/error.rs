@@ -24,6 +24,9 @@ pub enum Error {
     /// Recordings do not fit what is asked for.
     #[error("{0}")]
     Recordings(String),
+    /// A change of a moment cannot be made.
+    #[error(transparent)]
+    Change(#[from] crate::what_if::ChangeError),
     /// A file of predictions does not fit the windows.
     #[error("{0}")]
     Predictions(String),

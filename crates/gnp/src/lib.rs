@@ -53,6 +53,7 @@ mod stages;
 mod tables;
 pub mod text;
 mod traffic;
+mod what_if;
 
 pub use crate::config::{DataConfig, GoalSection, PathSection, PredictConfig, RunConfig, Setting};
 pub use crate::convert::{Conversion, Converted, convert};
@@ -60,7 +61,7 @@ pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder,
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};
 pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};
-pub use crate::explain::{Change, Explained, Question, TracksQuestion, explain, explain_tracks};
+pub use crate::explain::{AddedCar, Explained, Question, TracksQuestion, WhatIf, explain, explain_tracks};
 pub use crate::figures::draw_figures;
 pub use crate::machine::Machine;
 pub use crate::model::{ExportRequest, Model, export, model_card};
@@ -76,7 +77,11 @@ pub use crate::run::manifest::RunFile;
 pub use crate::stages::Plan;
 pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Recipes, ablate};
 pub use crate::traffic::{DriveOn, Measured, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};
-pub use gnp_model::ModelCard;
+pub use crate::what_if::{
+    Change, ChangeError, ChangeField, ChangeProblem, ChangedMoment, ExplainedForecast, Future, LeftOut, Moment,
+    SceneForecasts, ScenePredictor, VehicleForecast,
+};
+pub use gnp_model::{ModelCard, Workspace};
 pub use gnp_online as online;
 pub use gnp_simulation::Scene;
 

@@ -4,8 +4,8 @@
 
 mod smoke;
 
-use gnp::{Change, Explained, Question, Run, Stage};
-use gnp_data::{Account, Cause, EditedScene, Observation, OraclePredictor as _, Predictor as _};
+use gnp::{AddedCar, Change, Explained, Question, Run, Stage, WhatIf};
+use gnp_data::{Account, Cause, EditedScene, Observation, OraclePredictor as _, Predictor as _, SceneEdit};
 use tempfile::TempDir;
 
 use smoke::{config, trained};
@@ -22,7 +22,7 @@ fn adds_up(account: &Account) {
 
 /// The nearest leader's part at the end, along the road.
 fn leader(explained: &Explained) -> (u32, f32) {
-    let parts = explained.as_it_is.parts.iter();
+    let parts = explained.as_it_is.account.parts.iter();
     let mut led = parts.filter_map(|part| match part.cause {
         Cause::Leader { vehicle, place: 1 } => Some((vehicle, part.at_end()[0])),
         _ => None,
@@ -37,7 +37,7 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
 
     // Without a word, one that a leader moves most.
     let explained = gnp::explain(&run, &Question::default()).unwrap();
-    adds_up(&explained.as_it_is);
+    adds_up(&explained.as_it_is.account);
     let (ahead, part) = leader(&explained);
     assert!(part.abs() > 0.5 && explained.changed.is_none(), "{part}");
     let names = |explained: &Explained| explained.figures.iter().map(|figure| figure.name.clone()).collect::<Vec<_>>();
@@ -57,12 +57,12 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
         recording: Some(key.recording.clone()),
         vehicle: Some(key.vehicle),
         frame: Some(key.t0),
-        changes: changes.to_vec(),
+        what_if: WhatIf { changes: changes.to_vec(), ..WhatIf::default() },
     };
-    let free = gnp::explain(&run, &asked(&[Change::Without { vehicle: ahead }])).unwrap();
+    let free = gnp::explain(&run, &asked(&[Change::Scene(SceneEdit::Remove { vehicle: ahead })])).unwrap();
     assert_eq!((&free.as_it_is, &free.key), (&explained.as_it_is, &key));
     assert_eq!(names(&free), ["contributions", "what-if"]);
-    let (changed, change) = (free.changed.clone().unwrap(), free.change().unwrap());
+    let (changed, change) = (free.changed.clone().unwrap().account, free.change().unwrap());
     adds_up(&changed);
     adds_up(&change);
     let of =
@@ -74,14 +74,32 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
 
     // A leader that stands lets it get less far than one that speeds.
     let at = |speed_mps| {
-        let explained = gnp::explain(&run, &asked(&[Change::Speed { vehicle: ahead, speed_mps }])).unwrap();
-        explained.changed.unwrap().path_at(50)[0]
+        let explained =
+            gnp::explain(&run, &asked(&[Change::Scene(SceneEdit::Speed { vehicle: ahead, speed_mps })])).unwrap();
+        explained.changed.unwrap().account.path_at(50)[0]
     };
     assert!(at(0.) < at(30.) - 1.);
+    // So does one that is nearer, and one that is put between.
+    let near = |by| {
+        let change = Change::Scene(SceneEdit::Move { vehicle: ahead, by: [by, 0.] });
+        let explained = gnp::explain(&run, &asked(&[change])).unwrap();
+        adds_up(&explained.change().unwrap());
+        explained.changed.unwrap().account.path_at(50)[0]
+    };
+    assert!(near(-4.) < near(0.) && near(0.) < near(30.), "{} {} {}", near(-4.), near(0.), near(30.));
+    let cars = vec![AddedCar { at: [7., 0.], speed_mps: 1. }, AddedCar { at: [-90., 40.], speed_mps: 1. }];
+    let added = Question { what_if: WhatIf { added: cars, ..WhatIf::default() }, ..asked(&[]) };
+    let added = gnp::explain(&run, &added).unwrap();
+    assert!(
+        added.text().contains("With a vehicle new 1 added at 1 m/s and with a vehicle new 2 added at 1 m/s, vehicle")
+    );
+    assert!(added.text().contains("leader new 1"), "{}", added.text());
+    assert!(added.changed.unwrap().account.path_at(50)[0] < explained.as_it_is.account.path_at(50)[0] - 0.5);
     // Its own speed changes where constant velocity leads.
-    let slower = gnp::explain(&run, &asked(&[Change::Speed { vehicle: key.vehicle, speed_mps: 1. }])).unwrap();
+    let slower =
+        gnp::explain(&run, &asked(&[Change::Scene(SceneEdit::Speed { vehicle: key.vehicle, speed_mps: 1. })])).unwrap();
     adds_up(&slower.change().unwrap());
-    assert!(slower.changed.unwrap().velocity[0] < explained.as_it_is.velocity[0]);
+    assert!(slower.changed.unwrap().account.velocity[0] < explained.as_it_is.account.velocity[0]);
 
     // A goal that is forced is what the true goal is when it is the recorded one.
     let gnp = run.model().unwrap();
@@ -96,8 +114,10 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
         assert!(a.iter().zip(b).all(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-4));
         assert_ne!(towards.modes[1].path, towards.modes[0].path);
     }
-    let forced = gnp::explain(&run, &asked(&[Change::Goal([5., 1.])])).unwrap();
-    adds_up(&forced.changed.unwrap());
+    let forced = gnp::explain(&run, &asked(&[Change::Goal { vehicle: key.vehicle, at: [5., 1.] }])).unwrap();
+    adds_up(&forced.changed.clone().unwrap().account);
+    let by_flag = Question { what_if: WhatIf { goal: Some([5., 1.]), ..WhatIf::default() }, ..asked(&[]) };
+    assert_eq!(gnp::explain(&run, &by_flag).unwrap().changed, forced.changed);
     assert!(gnp.predict_towards(&[], &[]).unwrap().is_empty());
     for wrong in [vec![], vec![vec![[1., 1.]]; 2], vec![vec![[1., 1.]], vec![], vec![]], vec![vec![[f32::NAN, 1.]]; 3]]
     {
@@ -126,11 +146,14 @@ fn what_is_not_there(run: &Run, explained: &Explained) {
     let early = Question { frame: Some(0), recording: recording.clone(), ..named.clone() };
     refused(early, &["frame 0", "it can in frames", &key.recording]);
     let at = Question { recording, ..named };
-    let with = |change| Question { changes: vec![change], ..at.clone() };
-    refused(with(Change::Without { vehicle: 999_999 }), &["999999", "there are "]);
-    refused(with(Change::Without { vehicle: key.vehicle }), &["is the target"]);
-    refused(with(Change::Speed { vehicle: key.vehicle, speed_mps: -1. }), &["-1 m/s"]);
-    refused(with(Change::Goal([f32::NAN, 0.])), &["not finite"]);
+    let with = |change| Question { what_if: WhatIf { changes: vec![change], ..WhatIf::default() }, ..at.clone() };
+    refused(with(Change::Scene(SceneEdit::Remove { vehicle: 999_999 })), &["999999", "there are "]);
+    refused(
+        with(Change::Scene(SceneEdit::Remove { vehicle: key.vehicle })),
+        &["change 1", "is the one that is explained"],
+    );
+    refused(with(Change::Scene(SceneEdit::Speed { vehicle: key.vehicle, speed_mps: -1. })), &["-1 m/s"]);
+    refused(with(Change::Goal { vehicle: key.vehicle, at: [f32::NAN, 0.] }), &["a goal at NaN"]);
 }
 
 /// The run's own figures have the window in which deleting the leader changes most.
@@ -150,8 +173,9 @@ fn pictures(mut run: Run, place: &TempDir) {
     let set = run.windows().unwrap();
     let split = run.split(&set).unwrap();
     let moved = |seen: &Observation<'_>| {
-        let scene = EditedScene::of(seen).unwrap().without(seen.leader()?.vehicle()).unwrap();
-        let ends = gnp.predict(&[*seen, scene.observation().unwrap()], run.config().predict.k).unwrap();
+        let leader = SceneEdit::Remove { vehicle: seen.leader()?.vehicle() };
+        let scene = EditedScene::of(seen).with(&leader).unwrap();
+        let ends = gnp.predict(&[*seen, scene.observation(seen.vehicle()).unwrap()], run.config().predict.k).unwrap();
         let end = |i: usize| *ends[i].modes[0].path.last().unwrap();
         Some((end(0)[0] - end(1)[0]).hypot(end(0)[1] - end(1)[1]))
     };

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::{ArgGroup, Args};
-use gnp::At;
+use gnp::{AddedCar, At};
 use gnp_data::Dataset;
 
 use super::{MachineArgs, RoadArgs};
-use crate::names::{Place, dataset, place, positive_seconds, speed};
+use crate::names::{Place, added, dataset, moved, place, positive_seconds, speed};
 
 /// Which tracks to predict, when, where to.
 #[derive(Clone, Debug, Args)]
@@ -79,6 +79,15 @@ pub struct ExplainArgs {
     /// Give a vehicle another speed, such as 549=5 for 5 m/s; repeatable.
     #[arg(long, value_name = "NUMBER=MPS", value_parser = speed)]
     pub(crate) speed: Vec<(u32, f32)>,
+    /// Put a vehicle elsewhere, such as 549=-10,3.5 for 10 m back and 3.5 m to the left, its past with it; repeatable.
+    #[arg(long = "move", value_name = "NUMBER=DX,DY", value_parser = moved)]
+    pub(crate) moved: Vec<(u32, [f32; 2])>,
+    /// Add a car, such as 20,0,12 for one 20 m ahead of where the vehicle is, 0 m to the left, at 12 m/s; repeatable.
+    #[arg(long, value_name = "X,Y,MPS", value_parser = added, allow_hyphen_values = true)]
+    pub(crate) add: Vec<AddedCar>,
+    /// Switch a term of the force off, such as neighbours; repeatable.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) without_term: Vec<String>,
     /// Draw the vehicle to a place, m ahead and to the left of where it is, instead of where the network expects it.
     #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
     pub(crate) goal: Option<Place>,

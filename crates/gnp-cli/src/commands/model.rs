@@ -4,8 +4,8 @@ use std::io::{self, Write as _};
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use gnp::{At, Change, ExportRequest, PredictRequest, Question, Run, TracksQuestion};
-use gnp_data::TrackOptions;
+use gnp::{At, Change, ExportRequest, PredictRequest, Question, Run, TracksQuestion, WhatIf};
+use gnp_data::{SceneEdit, TrackOptions};
 
 use crate::arguments::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs, RoadArgs};
 use crate::names::Place;
@@ -47,25 +47,21 @@ pub(super) fn again(args: &PredictArgs) -> String {
 
 pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let without = args.without.iter().map(|vehicle| Change::Without { vehicle: *vehicle });
-    let speeds =
-        args.speed.iter().map(|(vehicle, speed_mps)| Change::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
-    let goal = args.goal.iter().map(|Place(goal)| Change::Goal(*goal));
-    let changes: Vec<Change> = without.chain(speeds).chain(goal).collect();
+    let what_if = what_if(args);
     let (explained, place) = match (&args.run, &args.input) {
         (Some(_), _) if args.road.any() => bail!("--road and --lines are for tracks (--input)"),
         (Some(folder), _) => {
             let run = Run::open(folder, &machine)?;
             let (vehicle, frame) = (args.vehicle.as_deref().map(number).transpose()?, args.at.map(whole).transpose()?);
             let explained =
-                gnp::explain(&run, &Question { recording: args.recording.clone(), vehicle, frame, changes })?;
+                gnp::explain(&run, &Question { recording: args.recording.clone(), vehicle, frame, what_if })?;
             let place = explained.folder(&run)?;
             (explained, place)
         }
         (None, Some(input)) => {
             let ExplainArgs { model, format, recording, vehicle, at, .. } = args.clone();
             let (input, tracks) = (input.clone(), tracks(&args.road)?);
-            let question = TracksQuestion { input, model, format, tracks, recording, vehicle, at_s: at, changes };
+            let question = TracksQuestion { input, model, format, tracks, recording, vehicle, at_s: at, what_if };
             (gnp::explain_tracks(&question, &machine)?, PathBuf::from("explain"))
         }
         (None, None) => bail!("give a run (--run DIR) or tracks (--input PATH)"),
@@ -80,6 +76,17 @@ pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
     explained.save_figures(&out)?;
     machine.progress.note(&format!("figures, as SVG and PNG: {}", out.display()));
     Ok(())
+}
+
+/// What is changed: vehicles of the scene in the order of the options, then terms.
+fn what_if(args: &ExplainArgs) -> WhatIf {
+    let removed = args.without.iter().map(|vehicle| SceneEdit::Remove { vehicle: *vehicle });
+    let moved = args.moved.iter().map(|(vehicle, by)| SceneEdit::Move { vehicle: *vehicle, by: *by });
+    let speeds =
+        args.speed.iter().map(|(vehicle, speed_mps)| SceneEdit::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
+    let terms = args.without_term.iter().cloned().map(Change::WithoutTerm);
+    let changes = removed.chain(moved).chain(speeds).map(Change::Scene).chain(terms).collect();
+    WhatIf { changes, added: args.add.clone(), goal: args.goal.map(|Place(goal)| goal) }
 }
 
 /// What readers are told of the road.

@@ -14,7 +14,7 @@
 
 use std::collections::BTreeMap;
 
-use gnp_data::{Cause, EditedScene, Observation, Predictor, Window};
+use gnp_data::{Cause, EditedScene, Observation, Predictor, SceneEdit, Window};
 use gnp_eval::{ALL_SITES, Bootstrap, Clusters, Interval, Table, TableCell, TableHead, VehicleId};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -330,17 +330,18 @@ fn chosen<'a>(observations: &[Observation<'a>]) -> Vec<Observation<'a>> {
 /// one that has it.
 fn ask(model: &dyn Predictor, seen: &Observation<'_>) -> Result<Option<(Sums, bool)>> {
     let Some(leader) = seen.leader().map(|leader| leader.vehicle()) else { return Ok(None) };
-    let whole = EditedScene::of(seen)?;
+    let whole = EditedScene::of(seen);
     let first = |scene: &EditedScene| -> Result<_> {
-        let forecast = model.predict(&[scene.observation()?], 1)?.into_iter().next();
+        let forecast = model.predict(&[scene.observation(seen.vehicle())?], 1)?.into_iter().next();
         Ok(forecast.and_then(|forecast| forecast.modes.into_iter().next()))
     };
     let Some(with) = first(&whole)? else { return Ok(None) };
     let Some(explanation) = with.explanation.filter(|explanation| !explanation.contributions.is_empty()) else {
         return Ok(None);
     };
-    let simulated = whole.recording().meta().simulated;
-    let Some(without) = first(&whole.without(leader)?)? else { return Ok(None) };
+    let simulated = whole.snapshot().recording().meta().simulated;
+    let removed = whole.with(&SceneEdit::Remove { vehicle: leader }).map_err(gnp_data::DataError::from)?;
+    let Some(without) = first(&removed)? else { return Ok(None) };
 
     let end = |path: &[[f32; 2]]| f64::from(path.last().copied().unwrap_or_default()[0]);
     let sum = |counts: &dyn Fn(&Cause) -> bool| -> f64 {

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use gnp_data::{Cause, Observation, Predictor as _, Recording, WindowId};
+use gnp_data::{Cause, Observation, Predictor as _, Recording, Window, WindowId, WindowShape};
 use gnp_model::Gnp;
 
-use super::{Moment, Question};
+use super::Question;
 use crate::error::{Result, bail};
 use crate::run::Run;
 
@@ -14,8 +14,22 @@ const MOST: usize = 500;
 /// Most numbers that a message lists.
 pub(super) const LISTED: usize = 24;
 
-/// Of the moments that fit the question, the one in which a leader moves the vehicle most.
-pub(super) fn moment<'a>(run: &'a Run, gnp: &Gnp, question: &Question) -> Result<Moment<'a>> {
+/// A vehicle at a moment, with what happened then where that is recorded.
+pub(super) struct Found<'a> {
+    pub(super) observation: Observation<'a>,
+    pub(super) window: Option<Window<'a>>,
+}
+
+impl<'a> Found<'a> {
+    fn of(recording: &'a Recording, shape: WindowShape, id: WindowId) -> Option<Self> {
+        let (track, row) = (id.track as usize, id.row as usize);
+        let observation = Observation::new(recording, shape, track, row).ok()?;
+        Some(Self { observation, window: Window::new(recording, shape, track, row).ok() })
+    }
+}
+
+/// Of what fits the question, that in which a leader moves the vehicle most.
+pub(super) fn found<'a>(run: &'a Run, gnp: &Gnp, question: &Question) -> Result<Found<'a>> {
     let recordings = run.recordings()?;
     if let Some(name) = &question.recording
         && recordings.iter().all(|recording| recording.meta().name != *name)
@@ -28,8 +42,8 @@ pub(super) fn moment<'a>(run: &'a Run, gnp: &Gnp, question: &Question) -> Result
         None => windows(run, question)?,
     };
     let every = fitting.len().div_ceil(MOST).max(1);
-    let candidates: Vec<Moment<'a>> = fitting.into_iter().step_by(every).collect();
-    let seen: Vec<Observation<'_>> = candidates.iter().map(|moment| moment.observation).collect();
+    let candidates: Vec<Found<'a>> = fitting.into_iter().step_by(every).collect();
+    let seen: Vec<Observation<'_>> = candidates.iter().map(|found| found.observation).collect();
     let mut parts = Vec::with_capacity(seen.len());
     if seen.len() > 1 {
         for batch in seen.chunks(run.config.evaluate.batch) {
@@ -39,7 +53,7 @@ pub(super) fn moment<'a>(run: &'a Run, gnp: &Gnp, question: &Question) -> Result
     }
     let best = (0..parts.len()).max_by(|a, b| parts[*a].total_cmp(&parts[*b]).then(b.cmp(a))).unwrap_or(0);
     match candidates.into_iter().nth(best) {
-        Some(moment) => Ok(moment),
+        Some(found) => Ok(found),
         None => bail!(Recordings, "no vehicle of the run can be explained"),
     }
 }
@@ -53,7 +67,7 @@ pub(super) fn leader_part(forecast: &gnp_data::Forecast) -> f32 {
 }
 
 /// Evaluated windows that fit, or any that do.
-fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Moment<'a>>> {
+fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Found<'a>>> {
     let set = run.windows()?;
     let fits = |id: &WindowId| {
         set.get(*id).is_some_and(|window| {
@@ -73,16 +87,15 @@ fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Moment<'a>>> {
         let place = question.recording.as_ref().map_or_else(String::new, |name| format!(" in {name}"));
         bail!(Recordings, "there is no window{whose}{place}; vehicles with one: {}", listed(there));
     }
-    let moment = |id: WindowId| {
+    let found = |id: WindowId| {
         let window = set.get(id)?;
-        let observation = window.observation();
-        Some(Moment { names: set.recording(id), key: observation.key(), observation, window: Some(window) })
+        Some(Found { observation: window.observation(), window: Some(window) })
     };
-    Ok(ids.into_iter().filter_map(moment).collect())
+    Ok(ids.into_iter().filter_map(found).collect())
 }
 
 /// Vehicles that fit and can be predicted in a frame, whether or not what happened then is recorded.
-fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Moment<'a>>> {
+fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Found<'a>>> {
     let mut fitting = Vec::new();
     let mut others = BTreeSet::new();
     let mut frames = Vec::new();
@@ -99,10 +112,10 @@ fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Mom
             }
             let Some(row) = it.row_at(frame) else { continue };
             let id = WindowId { recording: index as u32, track: track as u32, row: row as u32 };
-            let Some(moment) = Moment::of(recording, shape, id) else { continue };
+            let Some(found) = Found::of(recording, shape, id) else { continue };
             others.insert(it.vehicle);
             if asked {
-                fitting.push(moment);
+                fitting.push(found);
             }
         }
     }
@@ -129,7 +142,7 @@ fn in_words(recording: &Recording, first: u32, last: u32) -> String {
 }
 
 /// Numbers in order, each once, those beyond some counted.
-pub(super) fn listed(numbers: impl IntoIterator<Item = u32>) -> String {
+pub(crate) fn listed(numbers: impl IntoIterator<Item = u32>) -> String {
     let numbers: BTreeSet<u32> = numbers.into_iter().collect();
     let named: Vec<String> = numbers.iter().take(LISTED).map(u32::to_string).collect();
     match numbers.len().saturating_sub(LISTED) {

@@ -14,11 +14,12 @@ impl Explained {
     pub fn text(&self) -> String {
         let key = &self.key;
         let simulated = if self.simulated { ", *simulated*" } else { "" };
-        let vehicle = self.as_it_is.name(key.vehicle);
+        let as_it_is = &self.as_it_is.account;
+        let vehicle = as_it_is.name(key.vehicle);
         let head = format!("{}, vehicle {vehicle}, frame {}{simulated}", key.recording, key.t0);
-        let mut parts = vec![format!("{head}\n{}\n\n{}", self.as_it_is.sentence(), table(&self.as_it_is, "path"))];
+        let mut parts = vec![format!("{head}\n{}\n\n{}", as_it_is.sentence(), table(as_it_is, "path"))];
         if let (Some(changed), Some(change)) = (&self.changed, self.change()) {
-            let words = capital(&self.changes);
+            let (words, changed) = (capital(&self.changes), &changed.account);
             parts.push(format!("{words}:\n{}\n\n{}", changed.sentence(), table(changed, "path")));
             parts.push(format!("{}\n\n{}", change.sentence_of_change(&words), table(&change, "difference")));
         }
@@ -32,13 +33,13 @@ impl Explained {
         json!({
             "recording": key.recording,
             "vehicle": key.vehicle,
-            "vehicle_name": self.as_it_is.name(key.vehicle),
+            "vehicle_name": self.as_it_is.account.name(key.vehicle),
             "segment": key.segment,
             "frame": key.t0,
             "simulated": self.simulated,
-            "as_it_is": account(&self.as_it_is, self.as_it_is.sentence()),
+            "as_it_is": account(&self.as_it_is.account, self.as_it_is.account.sentence()),
             "changes": (!self.changes.is_empty()).then_some(&self.changes),
-            "changed": self.changed.as_ref().map(|changed| account(changed, changed.sentence())),
+            "changed": self.changed.as_ref().map(|changed| account(&changed.account, changed.account.sentence())),
             "change": self.change().map(|change| {
                 let sentence = change.sentence_of_change(&capital(&self.changes));
                 account(&change, sentence)
@@ -120,9 +121,10 @@ fn capital(text: &str) -> String {
 mod tests {
     use std::collections::BTreeMap;
 
-    use gnp_data::{Contribution, WindowKey};
+    use gnp_data::{Contribution, Forecast, WindowKey};
 
     use super::*;
+    use crate::what_if::ExplainedForecast;
 
     fn explained() -> Explained {
         let part = |cause, by: f32| Contribution {
@@ -135,14 +137,9 @@ mod tests {
                 let square = (step * step) as f32;
                 [10. * step as f32 + (leader + 0.1) * square, 0.5 * step as f32 - 0.002]
             };
-            Account {
-                vehicle: 12,
-                dt: 1.,
-                velocity: [10., 0.5],
-                parts,
-                path: (1..=5).map(at).collect(),
-                names: BTreeMap::new(),
-            }
+            let (path, names) = ((1..=5).map(at).collect(), BTreeMap::new());
+            let account = Account { vehicle: 12, dt: 1., velocity: [10., 0.5], parts, path, names };
+            ExplainedForecast { at: [0.; 2], account, forecast: Forecast::default() }
         };
         Explained {
             key: WindowKey { recording: "us101-2".to_owned(), vehicle: 12, segment: 0, t0: 130 },

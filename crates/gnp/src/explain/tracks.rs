@@ -4,15 +4,16 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use gnp_data::{Dataset, Predictor as _, Recording, Snapshot, TrackOptions, WindowKey, WindowShape, read_with};
+use gnp_data::{Dataset, Predictor as _, Recording, TrackOptions, WindowShape, read_with};
 use gnp_plot::Source as Words;
 
 use super::find::{self, leader_part};
-use super::{Change, Explained, Moment, Told, tell};
+use super::{Explained, WhatIf, pictures};
 use crate::error::{Result, bail};
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::predict::{Asked, At, Input};
+use crate::what_if::{Moment, ScenePredictor};
 
 /// Which vehicle of which tracks, when, by which model, and what is changed.
 #[derive(Clone, Debug, Default)]
@@ -32,7 +33,7 @@ pub struct TracksQuestion {
     /// Time on the clock of the tracks, s; without it, the last frame of the vehicle, or of the recording.
     pub at_s: Option<f64>,
     /// What is changed in the scene.
-    pub changes: Vec<Change>,
+    pub what_if: WhatIf,
 }
 
 /// Explains the forecast of a vehicle of some tracks; where less than the model needs was seen of it, from a past that is
@@ -46,16 +47,13 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
     let input = Input::find(&question.input, question.format)?;
     input.notes.iter().for_each(|note| machine.progress.note(note));
     let recording = recording(question, &input, machine)?;
-    let Some(shape) = model.gnp().shape().at_rate(recording.meta().rate_hz) else {
-        return Err(crate::predict::wrong_rate(&recording, model.gnp().shape()));
-    };
     let frame = frame(question, &recording, model.gnp().shape())?;
-    let snapshot = Snapshot::of(&recording, frame, shape).map_err(gnp_data::DataError::from)?;
+    let moment = Moment::at_frame(&recording, frame, model.gnp().shape())?;
     let gnp = model.gnp().clone().explaining(true);
     let asked_for = asked_for(question, &recording);
     let asked = |vehicle: u32| asked_for.is_none_or(|asked| asked == Some(vehicle));
     let fitting: Vec<_> =
-        snapshot.vehicles().filter(|it| asked(it.vehicle())).filter_map(|it| it.observation()).collect();
+        moment.snapshot().vehicles().filter(|it| asked(it.vehicle())).filter_map(|it| it.observation()).collect();
     let best = if fitting.len() > 1 {
         let parts: Vec<f32> = gnp.predict(&fitting, 1)?.iter().map(leader_part).collect();
         (0..parts.len()).max_by(|a, b| parts[*a].total_cmp(&parts[*b]).then(b.cmp(a)))
@@ -63,7 +61,8 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
         Some(0)
     };
     let Some(observation) = best.and_then(|best| fitting.get(best)).copied() else {
-        let there = find::listed(snapshot.vehicles().filter(|it| it.observation().is_some()).map(|it| it.vehicle()));
+        let there =
+            find::listed(moment.snapshot().vehicles().filter(|it| it.observation().is_some()).map(|it| it.vehicle()));
         let who = question.vehicle.as_deref().map_or_else(|| "no vehicle".to_owned(), |name| format!("vehicle {name}"));
         bail!(
             Recordings,
@@ -74,14 +73,12 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
     let meta = recording.meta();
     let simulated = meta.simulated || model.card().data.simulated;
     let words = Words { words: format!("{} by the model {}", meta.name, model.card().name), simulated };
-    // In the first frames of a recording the snapshot counts otherwise.
-    let key = WindowKey { t0: frame, ..observation.key() };
-    let moment = Moment { names: Some(&recording), key: key.clone(), observation, window: None };
-    let Some(told) = tell(&gnp, &moment, &question.changes, model.card().predict.k, &words)? else {
-        bail!(Recordings, "the model {} has no physics to explain its forecasts by", model.card().name);
-    };
-    let Told { as_it_is, changed, changes, figures } = told;
-    Ok(Explained { key, simulated, as_it_is, changed, changes, figures })
+    let vehicle = observation.vehicle();
+    let changes = question.what_if.around(vehicle, &moment)?;
+    let predictor = ScenePredictor::of(gnp, model.card().data.simulated);
+    let (mut explained, changed) = predictor.told(&moment, vehicle, &changes, model.card().predict.k)?;
+    explained.figures = pictures(&explained, None, (&moment, &changed), &changes, &words)?;
+    Ok(explained)
 }
 
 /// The number of the vehicle that is asked for; `None` where any is.

@@ -1,11 +1,12 @@
 //! What moves a vehicle, and what would without its leader: the window in which deleting the leader changes most.
 
-use gnp_data::{EditedScene, Forecast, Observation, Predictor as _};
+use gnp_data::{DataError, EditedScene, Forecast, Observation, Predictor as _, SceneEdit};
 use gnp_plot::Figure;
 
 use super::Material;
 use crate::error::Result;
-use crate::explain::{Change, Moment, tell};
+use crate::explain::pictures;
+use crate::what_if::{Change, Moment, ScenePredictor};
 
 /// Windows of which the leader is deleted, at most; of more, every n-th is taken.
 const MOST: usize = 400;
@@ -21,11 +22,15 @@ pub(super) fn figures(material: &Material<'_>) -> Result<Vec<Figure>> {
     let mut most: Option<(f32, usize, u32)> = None;
     for batch in led.chunks(run.config.evaluate.batch) {
         run.machine.stop.check()?;
-        let without = |(i, leader): &(usize, u32)| -> Result<EditedScene> {
-            Ok(EditedScene::of(&material.windows[*i].observation())?.without(*leader)?)
+        let without = |(i, leader): &(usize, u32)| -> Result<(u32, EditedScene)> {
+            let seen = material.windows[*i].observation();
+            let scene =
+                EditedScene::of(&seen).with(&SceneEdit::Remove { vehicle: *leader }).map_err(DataError::from)?;
+            Ok((seen.vehicle(), scene))
         };
-        let scenes = batch.iter().map(without).collect::<Result<Vec<EditedScene>>>()?;
-        let seen = scenes.iter().map(|scene| Ok(scene.observation()?)).collect::<Result<Vec<Observation<'_>>>>()?;
+        let scenes = batch.iter().map(without).collect::<Result<Vec<(u32, EditedScene)>>>()?;
+        let seen = scenes.iter().map(|(vehicle, scene)| Ok(scene.observation(*vehicle)?));
+        let seen = seen.collect::<Result<Vec<Observation<'_>>>>()?;
         let plain = gnp.clone().explaining(false);
         for ((i, leader), changed) in batch.iter().zip(plain.predict(&seen, run.config.predict.k)?) {
             let moved = apart(&material.forecasts[*i], &changed);
@@ -37,10 +42,11 @@ pub(super) fn figures(material: &Material<'_>) -> Result<Vec<Figure>> {
     let Some((_, found, leader)) = most else { return Ok(Vec::new()) };
     let window = &material.windows[found];
     let observation = window.observation();
-    let moment = Moment { names: None, key: observation.key(), observation, window: Some(*window) };
-    let changes = [Change::Without { vehicle: leader }];
-    let told = tell(gnp, &moment, &changes, run.config.predict.k, &material.source)?;
-    Ok(told.map_or_else(Vec::new, |told| told.figures))
+    let moment = Moment::of_observation(&observation);
+    let changes = [Change::Scene(SceneEdit::Remove { vehicle: leader })];
+    let predictor = ScenePredictor::of(gnp.clone(), material.source.simulated);
+    let (explained, changed) = predictor.told(&moment, observation.vehicle(), &changes, run.config.predict.k)?;
+    pictures(&explained, Some(window), (&moment, &changed), &changes, &material.source)
 }
 
 /// Distance between the ends of two predictions, m.

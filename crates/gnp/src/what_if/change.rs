@@ -1,0 +1,150 @@
+//! What can be changed in a moment, and what may be wrong with that.
+
+use gnp_data::{NewVehicle, SceneEdit, SceneEditError};
+use gnp_model::ModelError;
+
+/// A change of a moment or of the forces in it.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Change {
+    /// Of the vehicles.
+    Scene(SceneEdit),
+    /// A vehicle is drawn to a place instead of where the network expects it.
+    Goal {
+        /// Its number.
+        vehicle: u32,
+        /// Forward and left of where it is at the moment, m.
+        at: [f32; 2],
+    },
+    /// A term of the force does not act, by its name, such as `neighbours`.
+    WithoutTerm(String),
+}
+
+impl From<SceneEdit> for Change {
+    fn from(edit: SceneEdit) -> Self {
+        Self::Scene(edit)
+    }
+}
+
+impl Change {
+    /// In words, such as `without vehicle 34`; `name` says what a vehicle is called.
+    #[must_use]
+    pub fn words(&self, name: impl Fn(u32) -> String) -> String {
+        match self {
+            Self::Scene(SceneEdit::Remove { vehicle }) => format!("without vehicle {}", name(*vehicle)),
+            Self::Scene(SceneEdit::Move { vehicle, by }) => format!("with vehicle {} {}", name(*vehicle), moved(*by)),
+            Self::Scene(SceneEdit::Speed { vehicle, speed_mps }) => {
+                format!("with vehicle {} at {speed_mps} m/s", name(*vehicle))
+            }
+            Self::Scene(SceneEdit::Add(NewVehicle { vehicle, speed_mps, .. })) => {
+                format!("with a vehicle {} added at {speed_mps} m/s", name(*vehicle))
+            }
+            Self::Goal { vehicle, at: [x, y] } => {
+                format!("with vehicle {} drawn to {x} m ahead and {y} m to the left", name(*vehicle))
+            }
+            Self::WithoutTerm(term) => format!("without the force of {term}"),
+        }
+    }
+
+    /// The vehicle that is changed, where it is one.
+    #[must_use]
+    pub fn vehicle(&self) -> Option<u32> {
+        match self {
+            Self::Scene(edit) => Some(edit.vehicle()),
+            Self::Goal { vehicle, .. } => Some(*vehicle),
+            Self::WithoutTerm(_) => None,
+        }
+    }
+}
+
+/// Such as `moved 10 m back and 3.5 m to the left`.
+fn moved([forward, left]: [f32; 2]) -> String {
+    let part = |length: f32, positive: &str, negative: &str| {
+        (length != 0.).then(|| format!("{} m {}", length.abs(), if length > 0. { positive } else { negative }))
+    };
+    let parts: Vec<String> =
+        [part(forward, "forward", "back"), part(left, "to the left", "to the right")].into_iter().flatten().collect();
+    if parts.is_empty() { "moved by nothing".to_owned() } else { format!("moved {}", parts.join(" and ")) }
+}
+
+/// A change that cannot be made. Those before it can.
+#[derive(Debug, thiserror::Error)]
+#[error("change {}: {problem}", index + 1)]
+#[non_exhaustive]
+pub struct ChangeError {
+    /// Which of the changes, from 0.
+    pub index: usize,
+    /// What is wrong with it.
+    pub problem: ChangeProblem,
+}
+
+/// What is wrong with a change.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ChangeProblem {
+    /// A vehicle that is not there, or no longer.
+    #[error("{source}; there are {there}")]
+    Absent {
+        /// Which one.
+        source: SceneEditError,
+        /// Those that are, in words.
+        there: String,
+    },
+    /// The scene does not take it.
+    #[error(transparent)]
+    Scene(SceneEditError),
+    /// The vehicle whose forecast is asked for is to be removed.
+    #[error("vehicle {vehicle} is the one that is explained and cannot be removed")]
+    Explained {
+        /// The vehicle.
+        vehicle: u32,
+    },
+    /// A goal that is no place.
+    #[error("a goal at {x}, {y} m is not within {} m of the vehicle", gnp_data::limits::MAX_POSITION)]
+    Goal {
+        /// Forward, m.
+        x: f32,
+        /// To the left, m.
+        y: f32,
+    },
+    /// The model has no such term of the force.
+    #[error(transparent)]
+    Term(ModelError),
+}
+
+/// The part of a change that a [`ChangeProblem`] is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ChangeField {
+    /// Which vehicle.
+    Vehicle,
+    /// How far it is moved.
+    By,
+    /// A speed.
+    Speed,
+    /// A place.
+    At,
+    /// Length and width.
+    Size,
+    /// The name of a term.
+    Term,
+}
+
+impl ChangeError {
+    /// The part of the change that the problem is about.
+    #[must_use]
+    pub fn field(&self) -> ChangeField {
+        match &self.problem {
+            ChangeProblem::Scene(error) => match error {
+                SceneEditError::Speed { .. } => ChangeField::Speed,
+                SceneEditError::Move { .. } => ChangeField::By,
+                SceneEditError::Place { .. } => ChangeField::At,
+                SceneEditError::Size { .. } => ChangeField::Size,
+                _ => ChangeField::Vehicle,
+            },
+            ChangeProblem::Goal { .. } => ChangeField::At,
+            ChangeProblem::Term(_) => ChangeField::Term,
+            ChangeProblem::Absent { .. } | ChangeProblem::Explained { .. } => ChangeField::Vehicle,
+        }
+    }
+}
