@@ -10,9 +10,10 @@ const NEAR_S = 0.75;
 export const questionOf = (state, time, isThere) => ({ recording: state.recording, road: state.road, time, changes: state.changes, watched: isThere ? state.watched : null });
 
 const pathOf = (at, mode) => [at, ...mode.path];
-// One side of an explanation: as it is, or changed.
+// One side of an explanation: as it is, or changed. Its forces are `dt` apart, the points of its path `pathDt`.
 const sideOf = (side) => side && {
   ...side,
+  pathDt: side.modes?.length ? (side.dt * side.path.length) / side.modes[0].path.length : side.dt,
   path: side.modes?.length ? pathOf(side.at, side.modes[0]) : [],
   forces: side.forces ?? [],
   parameters: side.parameters ?? [],
@@ -49,9 +50,12 @@ export const fitting = (last, state) => {
   return { ...last, behind: state.held ? 0 : Math.max(behind, 0), explained: question.watched === state.watched ? last.explained : null };
 };
 
-// Whose forecast is worth a first look: a leader, neighbours, a whole past, and far from both ends.
+// Whose forecast is worth a first look: a near leader, neighbours, a whole past, and far from both ends.
 export const worthWatching = (forecasts, [from, to]) => {
-  const middle = (from + to) / 2, rank = (f) => (f.leader ? 4 : 0) + f.neighbours.filter(Boolean).length * 0.5 + (f.past === "full" ? 2 : 0) - (6 * Math.abs(f.at[0] - middle)) / (to - from);
-  const all = [...forecasts.values()];
+  const middle = (from + to) / 2, all = [...forecasts.values()];
+  const rank = (f) => {
+    const leader = forecasts.get(f.leader), near = leader ? 6 - (leader.at[0] - f.at[0]) / 10 : 0;
+    return Math.max(near, 0) + f.neighbours.filter(Boolean).length * 0.5 + (f.past === "full" ? 2 : 0) - (6 * Math.abs(f.at[0] - middle)) / (to - from);
+  };
   return all.length ? all.reduce((a, b) => (rank(b) > rank(a) ? b : a)).id : null;
 };

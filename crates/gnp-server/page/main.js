@@ -19,7 +19,7 @@ const AHEAD_M = 25; // of the watched vehicle, or half the way to his leader: wh
 const root = document.documentElement;
 
 const state = new State(), scene = new Scene(byId("road"));
-let recordings = [], terms = [], horizon = 5, last = null, asked = "", toCheck = null, wrong = -1, hovered = null, scheduled = 0, answered = 0;
+let recordings = [], terms = [], horizon = 5, last = null, asked = "", toCheck = null, lookAround = false, wrong = -1, hovered = null, scheduled = 0, answered = 0;
 
 // Sentences for the reader go after a while; what is wrong with the server stays until it answers.
 let saying = 0, trouble = false;
@@ -49,7 +49,7 @@ const newest = new api.Newest(answer, {
   },
   onProblem,
 });
-const tracks = new Tracks(api.tracks, { onLoaded: () => { check(); update(); }, onProblem: (problem) => { onProblem(problem); if (problem.passes) api.wait(1000).then(update); } });
+const tracks = new Tracks(api.tracks, { onLoaded: () => { settleTime(); check(); update(); }, onProblem: (problem) => { onProblem(problem); if (problem.passes) api.wait(1000).then(update); } });
 state.snap = (time) => (tracks.recording ? tracks.snap(time) : time);
 
 const recordingOf = (name) => recordings.find((r) => r.name === name);
@@ -180,7 +180,7 @@ const clock = new gnpScene.Clock((passed) => {
 // One answer for each thing that can be asked. Why he goes where is not asked of who is not there.
 const questionNow = () => questionOf(state, state.snap(state.time), everyone().has(state.watched));
 const ask = () => {
-  if (!state.recording || !tracks.at(state.time) || toCheck) return;
+  if (!state.recording || !tracks.at(state.time) || toCheck || lookAround) return;
   const question = questionNow(), key = JSON.stringify(question);
   if (key === asked) return;
   asked = key;
@@ -233,9 +233,15 @@ const open = (name, road, values = {}) => {
   [last, asked] = [null, ""];
   tracks.open(recording, index);
   scene.open(recording.roads.find((r) => r.index === index) ?? { lines: [], x: [0, 100] });
-  // Late enough for whole pasts.
-  const time = Math.min(recording.from_s + 8, (recording.from_s + recording.to_s) / 2);
-  state.open({ recording: name, road: index, time, ...values });
+  lookAround = values.time === undefined;
+  delete root.dataset.ready; // who is watched is chosen anew
+  state.open({ recording: name, road: index, time: recording.from_s, ...values });
+};
+// Where no time was asked for, the busiest one that is fetched first.
+const settleTime = () => {
+  if (!lookAround || !tracks.at(state.time)) return;
+  lookAround = false;
+  state.set({ time: tracks.busiest(state.time, OBSERVED_S) });
 };
 
 // What an address says is taken when everyone at its moment is known.
@@ -257,7 +263,9 @@ const openLink = () => {
     problem = error.message;
   }
   if (problem) say(`The link cannot be followed: ${problem}. Another scene is shown.`, { bad: true, ms: READ_MS });
-  if (!found || problem) { open(recordings[0].name); return; }
+  // Without a link: where most is going on.
+  const busy = (r) => r.vehicles / Math.max(r.to_s - r.from_s, 1);
+  if (!found || problem) { open(recordings.reduce((a, b) => (busy(b) > busy(a) ? b : a)).name); return; }
   toCheck = found;
   open(found.recording, found.road, found.time === undefined ? {} : { time: found.time });
   check();
