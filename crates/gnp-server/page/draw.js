@@ -100,14 +100,12 @@ export class Scene {
       pen.globalAlpha = 1;
     }
     if (past.length > 1) road.stroke(past, look.past, 2.5);
-    if (before && state.changes.length) {
-      road.stroke(before.path, look.past, 2.2, [7, 5]);
-      if (state.held && state.ahead > 0 && watched) road.box(watched.size, along(before.path, state.ahead / before.pathDt), null, look.past, { dash: [4, 3], round: 4, width: 1.5 });
-    }
+    const compared = before && state.changes.length > 0;
     if (forecast) {
       if (shown.futures) for (const path of forecast.paths.slice(1)) road.stroke(rest(forecast, path), COLOURS.others, 1.8);
-      road.stroke(rest(forecast, forecast.paths[0]), look.best, 3);
+      road.stroke(rest(forecast, forecast.paths[0]), look.best, compared ? 4 : 3);
     }
+    if (compared) this.before(before, state, watched, look);
     const near = new Set(forecast && shown.neighbours ? forecast.neighbours.filter(Boolean) : []);
     for (const v of everyone.values()) if (!v.removed) this.vehicle(v, { state, near, hover, look, leader: forecast?.leader });
     if (shown.futures && forecast?.modes.length > 1) this.ends(forecast, look);
@@ -154,9 +152,18 @@ export class Scene {
     pen.fillStyle = look.paper; pen.globalAlpha = 0.82; pen.beginPath(); pen.roundRect(left, top, w, 16, 4); pen.fill(); pen.globalAlpha = 1;
     pen.fillStyle = look.ink; pen.fillText(words, left + 3, top + 12);
   }
+  // What was before, on top of what is: both are seen where one hides the other.
+  before({ path, pathDt }, state, watched, look) {
+    const { road } = this, box = { dash: [4, 3], round: 4, width: 1.5 }, end = path.at(-1);
+    road.stroke(path, look.past, 2, [7, 5]);
+    if (!watched) return;
+    road.box(watched.size, end, null, look.past, box);
+    this.text("before", road.px(end[0]), road.py(end[1]) + (watched.size[1] * road.sy) / 2 + 10, look, []);
+    if (state.ahead > 0) road.box(watched.size, along(path, state.ahead / pathDt), null, look.past, box);
+  }
   // Where each future ends: a dot whose area is its probability.
   ends(forecast, look) {
-    const { road } = this, { pen } = road, taken = [], first = forecast.paths[0].at(-1), last = forecast.modes.length - 1;
+    const { road } = this, { pen } = road, first = forecast.paths[0].at(-1), taken = [{ left: road.px(first[0]) - 14, top: road.py(first[1]) - 8, w: 28 }], last = forecast.modes.length - 1;
     for (let i = last; i >= 0; i -= 1) {
       const [x, y] = forecast.paths[i].at(-1);
       pen.beginPath(); pen.arc(road.px(x), road.py(y), 10 * Math.sqrt(forecast.modes[i].probability), 0, 2 * Math.PI);
@@ -165,7 +172,7 @@ export class Scene {
     forecast.modes.forEach(({ probability }, i) => {
       const end = forecast.paths[i].at(-1), [x, y] = [road.px(end[0]), road.py(end[1])];
       const apart = i === 0 || APART_M.some((m, axis) => Math.abs(end[axis] - first[axis]) > m);
-      if (apart && x > 0 && x < road.width - 20) this.text(`${(100 * probability).toFixed(0)} %`, x + 28, y, look, taken, { bold: i === 0, above: false });
+      if (apart && x > 0 && x < road.width - 20) this.text(`${(100 * probability).toFixed(0)} %`, x + (end[0] < first[0] ? -28 : 30), y, look, taken, { bold: i === 0, above: false });
     });
   }
   arrows(at, forces, i, look) {
@@ -184,7 +191,7 @@ export class Scene {
       const v = everyone.get(id);
       if (!v || v.removed) continue;
       const x = road.px(v.at[0]);
-      if (x > -20 && x < road.width + 20) this.text(`${id}${id === hover || id === state.hand ? ` · ${v.speed.toFixed(1)} m/s` : ""}`, x, road.py(v.at[1]) - (v.size[1] * road.sy) / 2 - 10, look, taken, { bold: id === state.watched });
+      if (x > -20 && x < road.width + 20) this.text(`${id}${(id === hover || id === state.hand) && !state.ahead ? ` · ${v.speed.toFixed(1)} m/s` : ""}`, x, road.py(v.at[1]) - (v.size[1] * road.sy) / 2 - 10, look, taken, { bold: id === state.watched });
     }
   }
 }

@@ -323,7 +323,9 @@ const start = async () => {
   }
   say("");
   termBoxes(terms, (name) => state.change(changesOf.switchTerm(state.changes, name)));
-  options(byId("recording"), recordings.map((r) => [r.name, `${r.name}, ${r.site}`]));
+  // A name that has the site in it says enough.
+  const plain = (text) => text.toLowerCase().replace(/[^a-z0-9]/g, "");
+  options(byId("recording"), recordings.map((r) => [r.name, plain(r.name).includes(plain(r.site)) ? r.name : `${r.name}, ${r.site}`]));
   if (recordings.length) openLink(); else say("The server has no recordings.", { bad: true, ms: 0 });
 };
 start();
