@@ -172,7 +172,7 @@ export class Scene {
     forecast.modes.forEach(({ probability }, i) => {
       const end = forecast.paths[i].at(-1), [x, y] = [road.px(end[0]), road.py(end[1])];
       const apart = i === 0 || APART_M.some((m, axis) => Math.abs(end[axis] - first[axis]) > m);
-      if (apart && x > 0 && x < road.width - 20) this.text(`${(100 * probability).toFixed(0)} %`, x + (end[0] < first[0] ? -28 : 30), y, look, taken, { bold: i === 0, above: false });
+      if (apart && x > 0 && x < road.width - 20) this.text(`${(100 * probability).toFixed(0)} %`, x + (end[0] < first[0] ? -30 : 38), y, look, taken, { bold: i === 0, above: false });
     });
   }
   arrows(at, forces, i, look) {
