@@ -9,7 +9,7 @@ const LONGEST_PX = 130;
 // A future that ends farther from the first one, m along and across, is labelled.
 const APART_M = [6, 1];
 const GOAL_PX = 9;
-const OBSERVED_S = 3;
+export const OBSERVED_S = 3; // before a moment
 const METRE_PX = 13; // of a metre across the road
 const HEIGHTS = [180, 370]; // of the canvas, px
 const SPANS_M = 40; // the least that is shown
@@ -203,4 +203,3 @@ export const relation = (id, forecast) => {
   const slot = forecast.neighbours.indexOf(id);
   return slot < 0 ? "" : SLOTS[slot];
 };
-export { OBSERVED_S };

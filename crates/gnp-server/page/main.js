@@ -3,12 +3,12 @@ import * as api from "./api.js";
 import { answer, fitting, questionOf, worthWatching } from "./answers.js";
 import * as changesOf from "./changes.js";
 import { OBSERVED_S, Scene, relation } from "./draw.js";
-import { hands, placed } from "./hands.js";
+import { hands } from "./hands.js";
 import { keys } from "./keys.js";
 import * as link from "./link.js";
-import { byId, keyRows, options, panel, seconds, termBoxes } from "./panel.js";
+import { byId, keyRows, options, panel, termBoxes } from "./panel.js";
 import { State } from "./state.js";
-import { Tracks, changedTraffic } from "./traffic.js";
+import { Tracks, changedTraffic, laneAt } from "./traffic.js";
 
 /* global gnpScene */
 const SAID_MS = 6000;
@@ -89,15 +89,16 @@ const page = {
     if (id !== hovered) { hovered = id; page.draw(); }
   },
   play: () => {
-    if (state.playing) { pause(); return; }
+    if (state.playing) { page.pause(); return; }
     const [from, to] = page.span();
     if (state.held) state.set({ playing: true, goalInHand: false, ahead: state.ahead >= to ? 0 : state.ahead });
     else state.set({ playing: true, time: state.time >= to ? from : state.time });
     scene.following = state.watched !== null;
     clock.start();
   },
+  pause: () => { if (state.playing) state.set({ playing: false, time: state.held ? state.time : state.snap(state.time) }); },
   step: (direction, far) => {
-    pause();
+    page.pause();
     const by = direction * (far ? 1 : state.held ? 0.2 : 1 / tracks.rate);
     page.goTo((state.held ? state.ahead : state.time) + by);
   },
@@ -133,7 +134,7 @@ const page = {
     state.set({ hand: v.added && state.watched === v.id ? null : state.watched, watched: v.added && state.watched === v.id ? null : state.watched });
   },
   addAt: (place) => {
-    const all = everyone(), id = changesOf.newName(state.changes, all), at = placed(scene.lines, place);
+    const all = everyone(), id = changesOf.newName(state.changes, all), at = [place[0], laneAt(scene.lines, place[1]).middle];
     // As fast as who is nearest.
     const near = [...all.values()].filter((v) => !v.removed).sort((a, b) => Math.hypot(a.start[0] - at[0], 5 * (a.start[1] - at[1])) - Math.hypot(b.start[0] - at[0], 5 * (b.start[1] - at[1])))[0];
     state.change(changesOf.add(state.changes, id, at, near?.speed ?? 20));
@@ -162,8 +163,6 @@ const followWatched = () => {
   const v = everyone().get(state.watched);
   if (v) { scene.bringIntoView(v.at[0]); page.draw(); }
 };
-const pause = () => { if (state.playing) state.set({ playing: false, time: state.held ? state.time : state.snap(state.time) }); };
-page.pause = pause;
 
 const clock = new gnpScene.Clock((passed) => {
   if (!state.playing) return false;
@@ -177,8 +176,8 @@ const clock = new gnpScene.Clock((passed) => {
   return state.playing;
 });
 
-// One answer for each thing that can be asked. Why he goes where is not asked of who is not there.
-const questionNow = () => questionOf(state, state.snap(state.time), everyone().has(state.watched));
+// One answer for each thing that can be asked.
+const questionNow = () => questionOf(state, state.snap(state.time), everyone(), scene.road.centre);
 const ask = () => {
   if (!state.recording || !tracks.at(state.time) || toCheck || lookAround) return;
   const question = questionNow(), key = JSON.stringify(question);
