@@ -7,7 +7,8 @@ const PATIENCE_MS = 1500;
 // What the server says is wrong (RFC 9457). `status` 0: nobody answers.
 export class Problem extends Error {
   constructor(status, { title = "", detail = "", errors = [] } = {}, retryAfter = 0) {
-    super([...new Set([detail || title, ...errors.map((e) => e.detail)])].filter(Boolean).join("; ") || `the server answers with status ${status}`);
+    const said = detail || title, more = errors.map((e) => e.detail).filter((text) => text && !said.includes(text));
+    super([said, ...more].filter(Boolean).join("; ") || `The server answers with status ${status}`);
     this.status = status;
     this.fields = errors.map((e) => e.field ?? "");
     this.retryAfter = retryAfter;

@@ -44,7 +44,7 @@ export const without = (changes, index) => {
   return gone.kind === "add" ? changes.filter((c) => c.vehicle !== gone.vehicle) : changes.toSpliced(index, 1);
 };
 
-export const metres = (v, digits = 1) => `${Math.abs(v).toFixed(digits)} m`;
+const metres = (v, digits = 1) => `${Math.abs(v).toFixed(digits)} m`;
 const ways = ([along, left]) => {
   const parts = [];
   if (Math.abs(along) >= 0.05) parts.push(`${metres(along)} ${along > 0 ? "forward" : "back"}`);

@@ -3,10 +3,13 @@
 /* global gnpScene */
 const { Road, COLOURS, SLOTS, along } = gnpScene;
 
-// px for 1 m/s², and what is the longest arrow, px.
+// px for 1 m/s²; an arrow that would be longer than that, px, is cut and says how strong it is.
 const FORCE_PX = 40;
+const LONGEST_PX = 130;
+// A future that ends farther from the first one, m along and across, is labelled.
+const APART_M = [6, 1];
 const GOAL_PX = 9;
-const OBSERVED_S = 3;
+export const OBSERVED_S = 3; // before a moment
 const METRE_PX = 13; // of a metre across the road
 const HEIGHTS = [180, 370]; // of the canvas, px
 const SPANS_M = 40; // the least that is shown
@@ -97,24 +100,20 @@ export class Scene {
       pen.globalAlpha = 1;
     }
     if (past.length > 1) road.stroke(past, look.past, 2.5);
-    if (before && state.changes.length) {
-      road.stroke(before.path, look.past, 2.2, [7, 5]);
-      if (state.held && state.ahead > 0 && watched) road.box(watched.size, along(before.path, state.ahead / before.dt), null, look.past, { dash: [4, 3], round: 4, width: 1.5 });
-    }
+    const compared = before && state.changes.length > 0;
     if (forecast) {
-      if (shown.futures) for (const path of forecast.paths.slice(1)) road.stroke(path, COLOURS.others, 1.6);
-      road.stroke(rest(forecast, forecast.paths[0]), look.best, 3);
+      if (shown.futures) for (const path of forecast.paths.slice(1)) road.stroke(rest(forecast, path), COLOURS.others, 1.8);
+      road.stroke(rest(forecast, forecast.paths[0]), look.best, compared ? 4 : 3);
     }
+    if (compared) this.before(before, state, watched, look);
     const near = new Set(forecast && shown.neighbours ? forecast.neighbours.filter(Boolean) : []);
     for (const v of everyone.values()) if (!v.removed) this.vehicle(v, { state, near, hover, look, leader: forecast?.leader });
-    if (shown.futures && forecast) this.probabilities(forecast, look);
+    if (shown.futures && forecast?.modes.length > 1) this.ends(forecast, look);
     if (goal) this.goal(goal, state, look);
-    if (shown.forces && now && watched && !watched.removed) {
-      const i = Math.floor(step(now));
-      for (const { values, colour } of now.forces.toReversed()) if (values.length) road.arrow(watched.at, values[Math.min(i, values.length - 1)], FORCE_PX, colour);
-    }
+    const acts = shown.forces && now && watched && !watched.removed && terms.length > 0;
+    if (acts) this.arrows(watched.at, now.forces, Math.floor(step(now)), look);
     this.labels({ state, everyone, hover, leader: forecast?.leader }, look);
-    road.legend({ scale: now && shown.forces && terms.length ? FORCE_PX : 0, simulated });
+    road.legend({ scale: acts ? FORCE_PX : 0, simulated });
   }
   vehicle(v, { state, near, hover, look, leader }) {
     const { road } = this, inHand = v.id === state.hand && !state.goalInHand;
@@ -140,24 +139,51 @@ export class Scene {
     pen.strokeStyle = state.goalInHand ? look.ink : "#8a6d00"; pen.lineWidth = state.goalInHand ? 3 : 2; pen.stroke();
     pen.beginPath(); pen.moveTo(x - 4, y); pen.lineTo(x + 4, y); pen.moveTo(x, y - 4); pen.lineTo(x, y + 4); pen.strokeStyle = forced ? "#1d2229" : look.ink; pen.lineWidth = 1.2; pen.stroke();
   }
-  // Letters on paper, so that they can be read on anything; where others stand already, above them.
-  text(words, x, y, look, taken, bold = false) {
+  // Letters on paper, so that they can be read on anything; where others stand already, above them, or not at all.
+  text(words, x, y, look, taken, { bold = false, above = true } = {}) {
     const { pen, width } = this.road;
     pen.font = bold ? `600 ${LETTERS}` : LETTERS;
     const w = pen.measureText(words).width + 6, left = Math.min(Math.max(x - w / 2, 2), width - w - 2);
     let top = Math.max(y - 8, 2);
-    while (taken.some((t) => left < t.left + t.w && t.left < left + w && Math.abs(top - t.top) < 16)) top -= 16;
-    if (top < 0) return;
+    const hidden = () => taken.some((t) => left < t.left + t.w && t.left < left + w && Math.abs(top - t.top) < 16);
+    while (above && hidden()) top -= 16;
+    if (top < 0 || hidden()) return;
     taken.push({ left, top, w });
     pen.fillStyle = look.paper; pen.globalAlpha = 0.82; pen.beginPath(); pen.roundRect(left, top, w, 16, 4); pen.fill(); pen.globalAlpha = 1;
     pen.fillStyle = look.ink; pen.fillText(words, left + 3, top + 12);
   }
-  probabilities(forecast, look) {
-    const { road } = this, taken = [];
-    forecast.modes.forEach(({ probability }, i) => {
+  // What was before, on top of what is: both are seen where one hides the other.
+  before({ path, pathDt }, state, watched, look) {
+    const { road } = this, box = { dash: [4, 3], round: 4, width: 1.5 }, end = path.at(-1);
+    road.stroke(path, look.past, 2, [7, 5]);
+    if (!watched) return;
+    road.box(watched.size, end, null, look.past, box);
+    this.text("before", road.px(end[0]), road.py(end[1]) + (watched.size[1] * road.sy) / 2 + 10, look, []);
+    if (state.ahead > 0) road.box(watched.size, along(path, state.ahead / pathDt), null, look.past, box);
+  }
+  // Where each future ends: a dot whose area is its probability.
+  ends(forecast, look) {
+    const { road } = this, { pen } = road, first = forecast.paths[0].at(-1), taken = [{ left: road.px(first[0]) - 14, top: road.py(first[1]) - 8, w: 28 }], last = forecast.modes.length - 1;
+    for (let i = last; i >= 0; i -= 1) {
       const [x, y] = forecast.paths[i].at(-1);
-      if (forecast.modes.length > 1 && road.px(x) > 0 && road.px(x) < road.width - 20) this.text(`${(100 * probability).toFixed(0)} %`, road.px(x) + 24, road.py(y), look, taken, i === 0);
+      pen.beginPath(); pen.arc(road.px(x), road.py(y), 10 * Math.sqrt(forecast.modes[i].probability), 0, 2 * Math.PI);
+      pen.fillStyle = i ? COLOURS.others : look.best; pen.fill(); pen.strokeStyle = look.paper; pen.lineWidth = 1; pen.stroke();
+    }
+    forecast.modes.forEach(({ probability }, i) => {
+      const end = forecast.paths[i].at(-1), [x, y] = [road.px(end[0]), road.py(end[1])];
+      const apart = i === 0 || APART_M.some((m, axis) => Math.abs(end[axis] - first[axis]) > m);
+      if (apart && x > 0 && x < road.width - 20) this.text(`${(100 * probability).toFixed(0)} %`, x + (end[0] < first[0] ? -30 : 38), y, look, taken, { bold: i === 0, above: false });
     });
+  }
+  arrows(at, forces, i, look) {
+    const { road } = this, taken = [];
+    for (const { values, colour } of forces.toReversed()) {
+      if (!values.length) continue;
+      const force = values[Math.min(i, values.length - 1)], size = Math.hypot(...force), cut = Math.min(LONGEST_PX / (size * FORCE_PX), 1);
+      const [fx, fy] = force.map((v) => v * cut);
+      road.arrow(at, [fx, fy], FORCE_PX, colour);
+      if (cut < 1) this.text(`${size.toFixed(1)} m/s²`, road.px(at[0]) + fx * FORCE_PX, road.py(at[1]) - fy * FORCE_PX + 14, look, taken);
+    }
   }
   labels({ state, everyone, hover, leader }, look) {
     const { road } = this, taken = [];
@@ -165,7 +191,7 @@ export class Scene {
       const v = everyone.get(id);
       if (!v || v.removed) continue;
       const x = road.px(v.at[0]);
-      if (x > -20 && x < road.width + 20) this.text(`${id}${id === hover || id === state.hand ? ` · ${v.speed.toFixed(1)} m/s` : ""}`, x, road.py(v.at[1]) - (v.size[1] * road.sy) / 2 - 10, look, taken, id === state.watched);
+      if (x > -20 && x < road.width + 20) this.text(`${id}${(id === hover || id === state.hand) && !state.ahead ? ` · ${v.speed.toFixed(1)} m/s` : ""}`, x, road.py(v.at[1]) - (v.size[1] * road.sy) / 2 - 10, look, taken, { bold: id === state.watched });
     }
   }
 }
@@ -177,4 +203,3 @@ export const relation = (id, forecast) => {
   const slot = forecast.neighbours.indexOf(id);
   return slot < 0 ? "" : SLOTS[slot];
 };
-export { OBSERVED_S };

@@ -1,7 +1,6 @@
 // Pointer, touch and wheel on the road: what is taken, dragged, picked, panned, zoomed.
 import * as changesOf from "./changes.js";
 import { DRAG } from "./state.js";
-import { laneAt } from "./traffic.js";
 
 const THRESHOLD_PX = { mouse: 4, pen: 6, touch: 9 };
 const REACH_PX = { mouse: 6, pen: 12, touch: 20 };
@@ -152,6 +151,3 @@ export const hands = (page) => {
     },
   };
 };
-
-// The lane at y is where an added vehicle drives.
-export const placed = (lines, [x, y]) => [x, laneAt(lines, y).middle];

@@ -3,12 +3,12 @@ import * as api from "./api.js";
 import { answer, fitting, questionOf, worthWatching } from "./answers.js";
 import * as changesOf from "./changes.js";
 import { OBSERVED_S, Scene, relation } from "./draw.js";
-import { hands, placed } from "./hands.js";
+import { hands } from "./hands.js";
 import { keys } from "./keys.js";
 import * as link from "./link.js";
-import { byId, keyRows, options, panel, seconds, termBoxes } from "./panel.js";
+import { byId, keyRows, options, panel, termBoxes } from "./panel.js";
 import { State } from "./state.js";
-import { Tracks, changedTraffic } from "./traffic.js";
+import { Tracks, changedTraffic, laneAt } from "./traffic.js";
 
 /* global gnpScene */
 const SAID_MS = 6000;
@@ -19,7 +19,7 @@ const AHEAD_M = 25; // of the watched vehicle, or half the way to his leader: wh
 const root = document.documentElement;
 
 const state = new State(), scene = new Scene(byId("road"));
-let recordings = [], terms = [], horizon = 5, last = null, asked = "", toCheck = null, wrong = -1, hovered = null, scheduled = 0, answered = 0;
+let recordings = [], terms = [], horizon = 5, last = null, asked = "", toCheck = null, lookAround = false, wrong = -1, hovered = null, scheduled = 0, answered = 0;
 
 // Sentences for the reader go after a while; what is wrong with the server stays until it answers.
 let saying = 0, trouble = false;
@@ -49,7 +49,7 @@ const newest = new api.Newest(answer, {
   },
   onProblem,
 });
-const tracks = new Tracks(api.tracks, { onLoaded: () => { check(); update(); }, onProblem: (problem) => { onProblem(problem); if (problem.passes) api.wait(1000).then(update); } });
+const tracks = new Tracks(api.tracks, { onLoaded: () => { settleTime(); check(); update(); }, onProblem: (problem) => { onProblem(problem); if (problem.passes) api.wait(1000).then(update); } });
 state.snap = (time) => (tracks.recording ? tracks.snap(time) : time);
 
 const recordingOf = (name) => recordings.find((r) => r.name === name);
@@ -89,15 +89,16 @@ const page = {
     if (id !== hovered) { hovered = id; page.draw(); }
   },
   play: () => {
-    if (state.playing) { pause(); return; }
+    if (state.playing) { page.pause(); return; }
     const [from, to] = page.span();
     if (state.held) state.set({ playing: true, goalInHand: false, ahead: state.ahead >= to ? 0 : state.ahead });
     else state.set({ playing: true, time: state.time >= to ? from : state.time });
     scene.following = state.watched !== null;
     clock.start();
   },
+  pause: () => { if (state.playing) state.set({ playing: false, time: state.held ? state.time : state.snap(state.time) }); },
   step: (direction, far) => {
-    pause();
+    page.pause();
     const by = direction * (far ? 1 : state.held ? 0.2 : 1 / tracks.rate);
     page.goTo((state.held ? state.ahead : state.time) + by);
   },
@@ -133,7 +134,7 @@ const page = {
     state.set({ hand: v.added && state.watched === v.id ? null : state.watched, watched: v.added && state.watched === v.id ? null : state.watched });
   },
   addAt: (place) => {
-    const all = everyone(), id = changesOf.newName(state.changes, all), at = placed(scene.lines, place);
+    const all = everyone(), id = changesOf.newName(state.changes, all), at = [place[0], laneAt(scene.lines, place[1]).middle];
     // As fast as who is nearest.
     const near = [...all.values()].filter((v) => !v.removed).sort((a, b) => Math.hypot(a.start[0] - at[0], 5 * (a.start[1] - at[1])) - Math.hypot(b.start[0] - at[0], 5 * (b.start[1] - at[1])))[0];
     state.change(changesOf.add(state.changes, id, at, near?.speed ?? 20));
@@ -162,8 +163,6 @@ const followWatched = () => {
   const v = everyone().get(state.watched);
   if (v) { scene.bringIntoView(v.at[0]); page.draw(); }
 };
-const pause = () => { if (state.playing) state.set({ playing: false, time: state.held ? state.time : state.snap(state.time) }); };
-page.pause = pause;
 
 const clock = new gnpScene.Clock((passed) => {
   if (!state.playing) return false;
@@ -177,10 +176,10 @@ const clock = new gnpScene.Clock((passed) => {
   return state.playing;
 });
 
-// One answer for each thing that can be asked. Why he goes where is not asked of who is not there.
-const questionNow = () => questionOf(state, state.snap(state.time), everyone().has(state.watched));
+// One answer for each thing that can be asked.
+const questionNow = () => questionOf(state, state.snap(state.time), everyone(), scene.road.centre);
 const ask = () => {
-  if (!state.recording || !tracks.at(state.time) || toCheck) return;
+  if (!state.recording || !tracks.at(state.time) || toCheck || lookAround) return;
   const question = questionNow(), key = JSON.stringify(question);
   if (key === asked) return;
   asked = key;
@@ -233,9 +232,15 @@ const open = (name, road, values = {}) => {
   [last, asked] = [null, ""];
   tracks.open(recording, index);
   scene.open(recording.roads.find((r) => r.index === index) ?? { lines: [], x: [0, 100] });
-  // Late enough for whole pasts.
-  const time = Math.min(recording.from_s + 8, (recording.from_s + recording.to_s) / 2);
-  state.open({ recording: name, road: index, time, ...values });
+  lookAround = values.time === undefined;
+  delete root.dataset.ready; // who is watched is chosen anew
+  state.open({ recording: name, road: index, time: recording.from_s, ...values });
+};
+// Where no time was asked for, the busiest one that is fetched first.
+const settleTime = () => {
+  if (!lookAround || !tracks.at(state.time)) return;
+  lookAround = false;
+  state.set({ time: tracks.busiest(state.time, OBSERVED_S) });
 };
 
 // What an address says is taken when everyone at its moment is known.
@@ -257,7 +262,9 @@ const openLink = () => {
     problem = error.message;
   }
   if (problem) say(`The link cannot be followed: ${problem}. Another scene is shown.`, { bad: true, ms: READ_MS });
-  if (!found || problem) { open(recordings[0].name); return; }
+  // Without a link: where most is going on.
+  const busy = (r) => r.vehicles / Math.max(r.to_s - r.from_s, 1);
+  if (!found || problem) { open(recordings.reduce((a, b) => (busy(b) > busy(a) ? b : a)).name); return; }
   toCheck = found;
   open(found.recording, found.road, found.time === undefined ? {} : { time: found.time });
   check();
@@ -315,7 +322,9 @@ const start = async () => {
   }
   say("");
   termBoxes(terms, (name) => state.change(changesOf.switchTerm(state.changes, name)));
-  options(byId("recording"), recordings.map((r) => [r.name, `${r.name}, ${r.site}`]));
+  // A name that has the site in it says enough.
+  const plain = (text) => text.toLowerCase().replace(/[^a-z0-9]/g, "");
+  options(byId("recording"), recordings.map((r) => [r.name, plain(r.name).includes(plain(r.site)) ? r.name : `${r.name}, ${r.site}`]));
   if (recordings.length) openLink(); else say("The server has no recordings.", { bad: true, ms: 0 });
 };
 start();

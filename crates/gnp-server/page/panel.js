@@ -17,7 +17,7 @@ const element = (name, text, attributes = {}) => {
 const signed = (v, digits = 1) => (Math.abs(v) < 0.5 * 10 ** -digits ? (0).toFixed(digits) : `${v < 0 ? "−" : "+"}${Math.abs(v).toFixed(digits)}`);
 const say = (id, text) => { if (byId(id).textContent !== text) byId(id).textContent = text; };
 const show = (id, shown) => { byId(id).hidden = !shown; };
-export const seconds = (v) => `${v.toFixed(1)} s`;
+const seconds = (v) => `${v.toFixed(1)} s`;
 
 // The parts of a side of an explanation at its end, m: the largest first, small ones together.
 const causesOf = (side) => {

@@ -67,6 +67,22 @@ export class Tracks {
     }
     return there;
   }
+  // When most vehicles are there that were seen for `observed` s, s; of what is fetched around a time.
+  busiest(time, observed) {
+    const span = this.#spans.get(this.#index(time)), change = new Map();
+    if (!span) return time;
+    const put = (frame, by) => change.set(frame, (change.get(frame) ?? 0) + by);
+    for (const track of [...span.vehicles.values()].flat()) {
+      const seen = track.first + Math.ceil(observed * this.rate), end = track.first + track.x.length;
+      if (seen < end) { put(seen, 1); put(end, -1); }
+    }
+    let [count, most, best] = [0, 0, null];
+    for (const frame of [...change.keys()].sort((a, b) => a - b)) {
+      count += change.get(frame);
+      if (count > most) [most, best] = [count, frame];
+    }
+    return best === null ? time : this.snap(span.from + best / this.rate);
+  }
   // Where a vehicle was in the seconds before.
   past({ track, frame, at }, seconds) {
     const points = [];

@@ -171,7 +171,9 @@ const gnpScene = (() => {
       pen.strokeRect(X(0), Y(top), wide - 60, high - 44);
       pen.fillText(title, X(0), upper + 14);
       for (const s of [0, 1, 2, 3, 4, 5].filter((s) => s <= end)) pen.fillText(`${s} s`, X(s) - 6, upper + high - 8);
-      for (const v of [0, top / 2.2, top / 1.1]) pen.fillText(v.toPrecision(2), left + 4, Y(v) + 4);
+      pen.textAlign = "right";
+      for (const v of [0, top / 2.2, top / 1.1]) pen.fillText(v.toPrecision(2), left + 38, Y(v) + 4);
+      pen.textAlign = "left";
       for (const { values, colour, dash } of curves) {
         pen.beginPath();
         values.forEach((v, i) => (i ? pen.lineTo(X(i * every), Y(v)) : pen.moveTo(X(0), Y(v))));
