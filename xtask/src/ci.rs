@@ -115,7 +115,7 @@ const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"],
 /// the tests of kernels and networks on emulated 64-bit ARM, the C library, the Python package, the page in a browser and the server
 /// under load where their tools are there,
 /// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
-/// minute of each fuzzing target, with `rerun` what needs that feature, and test; stops at the first that fails.
+/// while of each fuzzing target, with `rerun` what needs that feature, and test; stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
@@ -137,8 +137,8 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     within(terminal, "torture", "", || torture::once(terminal))?;
     // Other inputs each time; the line says how to repeat them.
     let seed = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
-    let options = format!("--seconds 60 --jobs 2 --seed {seed}");
-    within(terminal, "fuzz", &options, || fuzz::a_minute_each(seed, terminal))?;
+    let options = format!("--seconds {} --jobs 2 --seed {seed}", fuzz::SECONDS_IN_CI);
+    within(terminal, "fuzz", &options, || fuzz::short(seed, terminal))?;
     if rerun {
         RERUN.iter().try_for_each(|one| step(root, terminal, one))?;
     }

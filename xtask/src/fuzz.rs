@@ -48,15 +48,18 @@ pub(crate) fn run(args: &FuzzArgs, terminal: &Terminal) -> Result<()> {
     }
 }
 
-/// A minute of each target, two at a time.
+/// Seconds of each target in CI.
+pub(crate) const SECONDS_IN_CI: u64 = 30;
+
+/// Every target for [`SECONDS_IN_CI`], two at a time.
 ///
 /// # Errors
 /// As [`run`].
-pub(crate) fn a_minute_each(seed: u64, terminal: &Terminal) -> Result<()> {
+pub(crate) fn short(seed: u64, terminal: &Terminal) -> Result<()> {
     let jobs = NonZeroUsize::MIN.saturating_add(1);
     let targets = Vec::new();
-    let args =
-        FuzzArgs { targets, executions: None, seconds: None, jobs, seed, coverage: false, replay: None, worker: None };
+    let seconds = Some(SECONDS_IN_CI);
+    let args = FuzzArgs { targets, executions: None, seconds, jobs, seed, coverage: false, replay: None, worker: None };
     run(&args, terminal)
 }
 

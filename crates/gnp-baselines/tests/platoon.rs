@@ -3,7 +3,7 @@
 // clippy.toml allows it inside test functions alone; scenes are built outside.
 #![allow(clippy::unwrap_used)]
 
-use gnp_baselines::{Drivers, PlatoonRule, RULES, Traffic};
+use gnp_baselines::{ActingTerms, Drivers, PlatoonRule, RULES, Traffic};
 use gnp_data::{LaneMarking, LiveScene, Predictor, Recording, Sample, Slot, VehicleClass, Window, WindowShape};
 use gnp_force::{Driver, Follower, Platoon};
 use rand::{Rng, SeedableRng};
@@ -126,6 +126,44 @@ fn a_prediction_is_the_roll_out_of_the_column() {
     for step in 1..=50 {
         assert!((found.position(0, step) - expected.positions()[step - 1]).abs() < 1e-6);
     }
+}
+
+/// Without car following nobody is ahead; without the free road or the habit that part of the acceleration is 0; without
+/// any the speed stays. The vehicles ahead drive as they would.
+#[test]
+fn terms_of_the_target_can_be_switched_off() {
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let scene = scene(&lane(5, Driver::motorway(), &mut rng));
+    let window = window(scene.recording().unwrap(), 1, 30);
+    let rule = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    let traffic = rule.traffic(&window.observation());
+    let whole = rule.roll_out("live", &traffic, &shape()).unwrap();
+    assert!((0..3).all(|part| whole.acceleration(3)[part].abs() > 1e-3), "{:?}", whole.acceleration(3));
+    let names = PlatoonRule::terms().map(|term| term.name.to_string());
+    for mask in 0..8usize {
+        let off = |part: usize| mask & (1 << part) != 0;
+        let acting = (0..3)
+            .filter(|part| off(*part))
+            .fold(ActingTerms::ALL, |acting, part| acting.without(&names[part]).unwrap());
+        let motion = rule.roll_out_with("live", &traffic, &shape(), acting).unwrap();
+        for step in 0..50 {
+            let parts = motion.acceleration(step);
+            // The free road acts behind a leader alone.
+            let silent = [off(0) || off(1), off(1), off(2)];
+            assert!(parts.iter().zip(silent).all(|(part, silent)| (*part == 0.) == silent), "{parts:?} {silent:?}");
+            let faster = (motion.speed(0, step + 1) - motion.speed(0, step)) * RATE_HZ;
+            assert!((parts.iter().sum::<f64>() - faster).abs() < 1e-9, "{parts:?} {faster}");
+            // Whoever is ahead drives as he would; only who follows the target may notice.
+            let mut ahead = traffic.vehicles().iter().enumerate().filter(|(_, it)| it.vehicle > 1);
+            assert!(ahead.all(|(it, _)| motion.position(it, step) == whole.position(it, step)));
+        }
+        if off(1) && !off(2) {
+            let alone = rule.roll_out("live", &traffic.without_nearest(9), &shape()).unwrap();
+            assert_eq!(motion.position(0, 50), alone.position(0, 50));
+        }
+        assert!(!(mask == 7) || motion.speed(0, 50) == motion.speed(0, 0));
+    }
+    assert_eq!(ActingTerms::ALL.without("goal"), None);
 }
 
 /// Traffic of known drivers: the fit predicts them better than what it set out from, states an interval in which they

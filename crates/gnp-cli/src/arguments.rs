@@ -138,6 +138,8 @@ Examples:
   gnp explain --run runs/ngsim --vehicle 554 --at 1200
   gnp explain --run runs/ngsim --vehicle 554 --without 549    the same beside the scene without vehicle 549
   gnp explain --run runs/ngsim --vehicle 554 --speed 549=5 --json
+  gnp explain --run runs/ngsim --vehicle 554 --move 549=-10,0 with vehicle 549 10 m farther back
+  gnp explain --run runs/ngsim --vehicle 554 --add 20,0,12    with a car 20 m ahead, at 12 m/s
   gnp explain --run runs/ngsim --vehicle 554 --goal 60,-3.6   drawn to 60 m ahead and 3.6 m to the right
   gnp explain --input tracks.csv --vehicle 7 --at 12.5        of tracks, by the model that comes with the program
 
@@ -455,10 +457,13 @@ mod tests {
 
     #[test]
     fn changes_of_a_scene_are_understood() {
-        let line = "gnp explain --run a --without 3 --without 4 --speed 5=2.5 --goal -1.5,3";
+        let line = "gnp explain --run a --without 3 --without 4 --speed 5=2.5 --goal -1.5,3 --move 6=-10,3.5 --add -20,0,12 \
+                    --without-term lines";
         let Command::Explain(args) = Cli::try_parse_from(line.split(' ')).unwrap().command else { panic!("{line}") };
         assert_eq!((args.without, args.speed), (vec![3, 4], vec![(5, 2.5)]));
         assert_eq!(args.goal, Some(crate::names::Place([-1.5, 3.])));
+        assert_eq!((args.moved, args.without_term), (vec![(6, [-10., 3.5])], vec!["lines".to_owned()]));
+        assert_eq!(args.add, [gnp::AddedCar { at: [-20., 0.], speed_mps: 12. }]);
     }
 
     #[test]
@@ -529,6 +534,10 @@ mod tests {
             &["gnp", "predict", "--input", "a", "--output", "b", "--every", "2", "--at", "last"],
             &["gnp", "explain", "--run", "a", "--speed", "5=1e30"],
             &["gnp", "explain", "--run", "a", "--goal", "1e30,0"],
+            &["gnp", "explain", "--run", "a", "--move", "5=1e30,0"],
+            &["gnp", "explain", "--run", "a", "--move", "5=1"],
+            &["gnp", "explain", "--run", "a", "--add", "1,2"],
+            &["gnp", "explain", "--run", "a", "--add", "1,2,-300"],
             &["gnp", "evaluate"],
             &["gnp", "evaluate", "--run", "a", "--protocol", "av2"],
             &["gnp", "evaluate", "--run", "a", "--data-dir", "d", "--again"],

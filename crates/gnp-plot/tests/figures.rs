@@ -117,12 +117,15 @@ fn account() -> Account {
 }
 
 fn changed_scene(source: &Source) -> Figure {
+    let at = scene().others[0].now;
+    with_marks(source, &[Mark { label: "34".to_owned(), before: Some(at), after: None }], [0.; 2])
+}
+
+fn with_marks(source: &Source, marks: &[Mark], shift: [f32; 2]) -> Figure {
     let before = scene();
     let mut after = scene();
     after.others.remove(0);
     after.modes[0].path.iter_mut().for_each(|at| at[0] *= 1.1);
-    let at = before.others[0].now;
-    let marks = [Mark { label: "34".to_owned(), before: Some(at), after: None }];
     let gone = Account {
         parts: account().parts.into_iter().filter(|part| part.cause.to_string() != "leader 34").collect(),
         velocity: [12., 0.],
@@ -133,7 +136,7 @@ fn changed_scene(source: &Source) -> Figure {
     what_if(
         "what-if",
         "What if",
-        &WhatIf { what, before: &before, after: &after, shift: [0.; 2], marks: &marks, change: &change },
+        &WhatIf { what, before: &before, after: &after, shift, marks, change: &change },
         source,
     )
 }
@@ -442,6 +445,29 @@ fn a_changed_scene_has_the_scale_of_the_first_and_shows_who_is_gone() {
     assert!(second[STEPS][0] > ghost[STEPS][0] + 5.);
     let names: Vec<&str> = of(&elements, "text", "name").iter().map(|e| e.text.as_str()).collect();
     assert_eq!(names, ["constant velocity", "leader 34", "difference"]);
+}
+
+#[test]
+fn a_moved_vehicle_is_dashed_where_it_was_and_an_added_one_is_in_the_changed_scene_alone() {
+    let at = |x: f32| Some(VehicleBox { centre: [x, 0.], size: [4., 2.] });
+    let mark = |label: &str, before, after| Mark { label: label.to_owned(), before, after };
+    let source = Source { words: "test".to_owned(), simulated: false };
+    let marks = [mark("34", at(30.), at(18.)), mark("new 1", None, at(60.)), mark("35", at(50.), at(48.))];
+    // The vehicle itself is 2 m farther: all others are 2 m less far from it.
+    let elements = read(&with_marks(&source, &marks, [-2., 0.]).svg);
+    let rects = of(&elements, "rect", "mark");
+    let middle = |e: &Element| e.number("x") + e.number("width") / 2.;
+    let found: Vec<(bool, bool)> =
+        rects.iter().map(|e| (e.is("changed"), e.attributes.contains_key("stroke-dasharray"))).collect();
+    // Before: 34 and 35; then 34, its ghost, the new one, and 35, which stays.
+    assert_eq!(found, [(false, false), (false, false), (true, false), (true, true), (true, false), (true, false)]);
+    let metre = (middle(&rects[1]) - middle(&rects[0])) / 20.;
+    assert!((middle(&rects[3]) - middle(&rects[2]) - 10. * metre).abs() < 0.05, "30 m less 2 is 10 m beyond 18");
+    // So is the prediction as it is.
+    let (first, ghost) = (of(&elements, "path", "best")[0].points(), of(&elements, "path", "as-it-is")[0].points());
+    assert!((first[0][0] - ghost[0][0] - 2. * metre).abs() < 0.05, "{:?} {:?}", first[0], ghost[0]);
+    let labels: Vec<&str> = of(&elements, "text", "label").iter().map(|e| e.text.as_str()).collect();
+    assert_eq!(labels, ["34", "35", "34", "new 1", "35"]);
 }
 
 #[test]
