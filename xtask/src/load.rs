@@ -29,7 +29,7 @@ const LIMITS: [&str; 4] = ["--rate", "1000000", "--max-vehicles", "400"];
 /// Seconds after which memory is looked at first: until then threads get their buffers.
 const SETTLED: Duration = Duration::from_secs(10);
 /// Growth of memory from then to the end, at most, over what it was, and in bytes beside that.
-const GROWTH: (f64, u64) = (1.1, 16 << 20);
+const GROWTH: (f64, u64) = (1.2, 32 << 20);
 
 /// How long.
 #[derive(Clone, Copy, Debug, Args)]
