@@ -143,7 +143,7 @@ Examples:
 
 Prints a table of displacements in m by cause, which add up to the predicted path, and a sentence; writes the figures
 contributions and what-if, as SVG and PNG, to --out.")]
-    Explain(ExplainArgs),
+    Explain(Box<ExplainArgs>),
     /// Write report.html of a finished run: what was run, quality, scores, figures, a scene player.
     #[command(after_help = "\
 Example:
