@@ -28,6 +28,7 @@ use crate::process::own_file;
 use crate::project;
 
 pub(crate) use check::Profile;
+pub(crate) use clock::Sample;
 
 /// Where candle reads, at every product, how many threads it may use; a pool of fewer does not tell it,
 /// and products that ask for more threads than there are take several times as long.
@@ -106,7 +107,7 @@ pub(crate) fn table(header: Vec<String>, rows: Vec<Vec<String>>) -> String {
 }
 
 /// Name and caches of the processor, where the system tells.
-fn processor() -> String {
+pub(crate) fn processor() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = text.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     let name = name.map_or("an unknown processor", |(_, name)| name.trim());
@@ -120,7 +121,7 @@ fn processor() -> String {
 }
 
 /// What else the machine was doing: the load average of the last minute, where the system tells.
-fn load() -> String {
+pub(crate) fn load() -> String {
     let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     text.split(' ').next().filter(|load| !load.is_empty()).unwrap_or("unknown").to_owned()
 }

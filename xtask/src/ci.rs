@@ -11,7 +11,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use anyhow::{Context as _, Result, bail};
 
 use crate::workspace::cargo;
-use crate::{bench, c, determinism, fuzz, python, tidy, torture};
+use crate::{bench, browser, c, determinism, fuzz, load, python, tidy, torture};
 use gnp::Progress as _;
 use gnp::text::duration;
 use gnp_cli::Terminal;
@@ -112,9 +112,10 @@ const RERUN: [Step<'_>; 3] = [
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
 /// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
-/// the tests of kernels and networks on emulated 64-bit ARM, the C library and the Python package where their tools are there,
-/// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
-/// while of each fuzzing target, with `rerun` what needs that feature, and test; stops at the first that fails.
+/// the tests of kernels and networks on emulated 64-bit ARM, the C library, the Python package, the page in a browser and the
+/// server under load where their tools are there, the ratios of `bench --check --quick`, one run on several numbers of threads,
+/// every trouble of the crash harness once, a while of each fuzzing target, with `rerun` what needs that feature, and test;
+/// stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.
@@ -129,6 +130,8 @@ pub(crate) fn run(root: &Path, rerun: bool, terminal: &Terminal) -> Result<()> {
     aarch64::short(root, terminal)?;
     within(terminal, "c", "", || c::run(root, &c::CArgs::default(), terminal))?;
     within(terminal, "python", "", || python::run(root, terminal))?;
+    within(terminal, "browser", "", || browser::run(root, &browser::BrowserArgs::default(), terminal))?;
+    within(terminal, "load", "--seconds 5", || load::run(load::LoadArgs { seconds: 5 }, terminal))?;
     within(terminal, "bench", "--check --quick", || bench::check(bench::Profile::Quick, terminal))?;
     within(terminal, "determinism", "--threads-only", || determinism::threads(terminal))?;
     within(terminal, "torture", "", || torture::once(terminal))?;

@@ -6,8 +6,10 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use gnp_cli::MachineArgs;
 
+use crate::browser::{BrowserArgs, RecordingArgs};
 use crate::c::CArgs;
 use crate::determinism::DeterminismArgs;
+use crate::load::LoadArgs;
 use crate::torture::TortureArgs;
 
 /// GNP: goal-based neural physics for predicting vehicles on motorways.
@@ -77,6 +79,25 @@ Examples:
   cargo xtask c --write               the header anew, after a change of crates/gnp-c/src/border.rs
   cargo xtask c --install DIR         header, library, CMake's and pkg-config's files below DIR")]
     C(CArgs),
+    /// Drive the page of `play` in Chromium as a person does: drag, delete, undo, link, keyboard, touch.
+    #[command(after_help = "\
+Examples:
+  cargo xtask browser                     as in `cargo xtask ci`
+  cargo xtask browser --only drag --pictures /tmp/pictures
+  cargo xtask browser --full              then requests that schemathesis makes up
+
+Needs Chromium and a Python with what xtask/browser/requirements.txt lists, named by GNP_PYTHON_BROWSER.")]
+    Browser(BrowserArgs),
+    /// Film the page of `play`, docs/pictures/play.gif: a leader is dragged back and deleted; needs what `browser` needs.
+    Recording(RecordingArgs),
+    /// Ask the server of `play` as much as it can answer, and as its page asks: answers a second, times, errors, memory.
+    #[command(after_help = "\
+Examples:
+  cargo xtask load                        a minute of each part, for docs/performance.md
+  cargo xtask load --seconds 5            as in `cargo xtask ci`
+
+Needs h2load (Debian: nghttp2-client). Exit code: 0 no error and memory flat, 1 otherwise, 2 wrong use.")]
+    Load(LoadArgs),
     /// Build the Python package and run its tests, types and notebook against the wheel; says so where a Python lacks what
     /// python/requirements-ci.txt lists.
     Python,

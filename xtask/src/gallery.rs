@@ -4,15 +4,13 @@ use gnp::{Progress, Run};
 use gnp_cli::Program;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use anyhow::{Context as _, Result, bail};
 
+use crate::browser::chromium;
 use crate::cli::GalleryArgs;
 use crate::project;
-
-/// Names under which Chromium is installed.
-const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
 /// Width and height of a picture of the report, pixels.
 const WINDOW: &str = "--window-size=1300,1040";
@@ -79,11 +77,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 
 /// Pictures of the report in a browser without a window, light and dark; without a browser it says so.
 fn photograph(page: &Path, out: &Path, terminal: &dyn Progress) -> Result<()> {
-    let works = |name: &str| {
-        let version = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
-        version.is_ok_and(|status| status.success())
-    };
-    let Some(browser) = BROWSERS.into_iter().find(|name| works(name)) else {
+    let Some(browser) = chromium() else {
         terminal.note("no Chromium found (Debian: apt-get install chromium); pictures of the report stay as they are");
         return Ok(());
     };
@@ -94,24 +88,24 @@ fn photograph(page: &Path, out: &Path, terminal: &dyn Progress) -> Result<()> {
         let mut said = String::new();
         // On a busy computer a browser now and then ends without a picture.
         for attempt in 0..ATTEMPTS {
-            let output = Command::new(browser)
+            let output = Command::new(&browser)
                 .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", WINDOW])
                 .arg("--virtual-time-budget=3000")
                 .arg(format!("--user-data-dir={}", place.path().join(format!("{name}-{attempt}")).display()))
                 .arg(format!("--screenshot={}", picture.display()))
                 .arg(format!("file://{}{moment}", page.display()))
                 .output()
-                .with_context(|| format!("cannot start {browser}"))?;
+                .with_context(|| format!("cannot start {}", browser.display()))?;
             if picture.exists() {
                 break;
             }
             said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
         }
         let Ok(bytes) = fs::read(&picture) else {
-            bail!("{browser} took no picture of {} in {ATTEMPTS} attempts: {said}", page.display());
+            bail!("{} took no picture of {} in {ATTEMPTS} attempts: {said}", browser.display(), page.display());
         };
         write(&out.join(name), &bytes)?;
-        terminal.result(&format!("{name}: {} in {browser}", page.display()));
+        terminal.result(&format!("{name}: {} in {}", page.display(), browser.display()));
     }
     Ok(())
 }

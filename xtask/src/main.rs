@@ -2,6 +2,7 @@
 //! `cargo xtask --help` lists the commands.
 
 mod bench;
+mod browser;
 mod c;
 mod ci;
 mod cli;
@@ -9,11 +10,13 @@ mod contents;
 mod determinism;
 mod fuzz;
 mod gallery;
+mod load;
 mod pretrained;
 mod process;
 mod project;
 mod python;
 mod sbom;
+mod serve;
 mod tidy;
 mod torture;
 mod workspace;
@@ -52,6 +55,9 @@ fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Fuzz(args) => fuzz::run(args, &terminal(false)),
         Command::Ci { rerun } => ci::run(&project::root(), *rerun, &terminal(false)),
         Command::C(args) => c::run(&project::root(), args, &terminal(false)),
+        Command::Browser(args) => browser::run(&project::root(), args, &terminal(false)),
+        Command::Recording(args) => browser::record(&project::root(), args, &terminal(false)),
+        Command::Load(args) => load::run(*args, &terminal(false)),
         Command::Python => python::run(&project::root(), &terminal(false)),
         Command::Features => ci::features::run(&project::root(), ci::features::Extent::All, &terminal(false)),
         Command::Aarch64 => ci::aarch64::run(&project::root(), ci::aarch64::Extent::All, &terminal(false)),

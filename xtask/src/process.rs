@@ -5,6 +5,7 @@ use std::fmt;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -27,8 +28,8 @@ pub(crate) struct Starter {
 #[derive(Debug)]
 pub(crate) struct Running {
     child: Child,
-    out: Option<JoinHandle<String>>,
-    err: Option<JoinHandle<String>>,
+    out: Option<Pipe>,
+    err: Option<Pipe>,
     command: String,
     deadline: Instant,
 }
@@ -121,8 +122,8 @@ impl Starter {
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
         Ok(Running {
-            out: child.stdout.take().map(reader),
-            err: child.stderr.take().map(reader),
+            out: child.stdout.take().map(Pipe::read),
+            err: child.stderr.take().map(Pipe::read),
             child,
             command: arguments.first().map(|word| word.as_ref().to_string_lossy().into_owned()).unwrap_or_default(),
             deadline: Instant::now() + PATIENCE,
@@ -138,14 +139,40 @@ impl Starter {
     }
 }
 
-/// Reads a pipe as it is written: a full one would hold the process up.
-fn reader(mut pipe: impl Read + Send + 'static) -> JoinHandle<String> {
-    std::thread::spawn(move || {
-        let mut bytes = Vec::new();
-        // What was read before an error is what there is to show.
-        let _ = pipe.read_to_end(&mut bytes);
+/// What a process writes, read as it is written: a full pipe would hold the process up.
+#[derive(Debug)]
+struct Pipe {
+    bytes: Arc<Mutex<Vec<u8>>>,
+    reader: JoinHandle<()>,
+}
+
+impl Pipe {
+    fn read(mut pipe: impl Read + Send + 'static) -> Self {
+        let bytes = Arc::new(Mutex::new(Vec::new()));
+        let filled = Arc::clone(&bytes);
+        let reader = std::thread::spawn(move || {
+            let mut piece = [0; 4096];
+            // What was read before an error is what there is to show.
+            while let Ok(count @ 1..) = pipe.read(&mut piece) {
+                filled.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(&piece[..count]);
+            }
+        });
+        Self { bytes, reader }
+    }
+
+    /// What was written so far.
+    fn text(&self) -> String {
+        String::from_utf8_lossy(&self.bytes.lock().unwrap_or_else(PoisonError::into_inner)).into_owned()
+    }
+
+    /// What was written until it was closed.
+    fn end(self) -> String {
+        let Self { bytes, reader } = self;
+        // A reader does not panic; what it read is there either way.
+        let _ = reader.join();
+        let bytes = bytes.lock().unwrap_or_else(PoisonError::into_inner);
         String::from_utf8_lossy(&bytes).into_owned()
-    })
+    }
 }
 
 impl Running {
@@ -164,6 +191,21 @@ impl Running {
     pub(crate) fn wait_until(&mut self, mut done: impl FnMut() -> Result<bool>) -> Result<bool> {
         while self.runs()? {
             if done()? {
+                return Ok(true);
+            }
+            self.hold_to_deadline()?;
+            std::thread::sleep(PERIOD);
+        }
+        Ok(false)
+    }
+
+    /// Waits until `enough` finds in what it has written to stdout what it looks for; whether it still ran then.
+    ///
+    /// # Errors
+    /// When it hangs.
+    pub(crate) fn wait_until_saying(&mut self, mut enough: impl FnMut(&str) -> bool) -> Result<bool> {
+        while self.runs()? {
+            if enough(&self.out.as_ref().map(Pipe::text).unwrap_or_default()) {
                 return Ok(true);
             }
             self.hold_to_deadline()?;
@@ -193,6 +235,16 @@ impl Running {
         Ok(())
     }
 
+    /// The number of the process.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// From now on it has as long as a process that was just started, before it is said to hang.
+    pub(crate) fn renew(&mut self) {
+        self.deadline = Instant::now() + PATIENCE;
+    }
+
     /// Waits for its end.
     ///
     /// # Errors
@@ -205,7 +257,7 @@ impl Running {
             self.hold_to_deadline()?;
             std::thread::sleep(PERIOD);
         };
-        let text = |reader: Option<JoinHandle<String>>| reader.and_then(|one| one.join().ok()).unwrap_or_default();
+        let text = |pipe: Option<Pipe>| pipe.map(Pipe::end).unwrap_or_default();
         Ok(Ended { status, out: text(self.out.take()), err: text(self.err.take()), command: self.command.clone() })
     }
 

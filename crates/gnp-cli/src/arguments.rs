@@ -2,6 +2,7 @@
 
 mod convert;
 mod model;
+mod play;
 mod road;
 mod tables;
 mod traffic;
@@ -14,6 +15,7 @@ use gnp_data::Dataset;
 
 pub(crate) use self::convert::ConvertArgs;
 pub(crate) use self::model::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs};
+pub(crate) use self::play::PlayArgs;
 pub(crate) use self::road::RoadArgs;
 pub(crate) use self::tables::{CompareArgs, TableArgs};
 pub(crate) use self::traffic::{MeasureArgs, RealismArgs, SimulateArgs};
@@ -143,7 +145,21 @@ Examples:
 
 Prints a table of displacements in m by cause, which add up to the predicted path, and a sentence; writes the figures
 contributions and what-if, as SVG and PNG, to --out.")]
+<<<<<<< HEAD
     Explain(Box<ExplainArgs>),
+=======
+    Explain(ExplainArgs),
+    /// Play recordings in the browser and change what is there: forecasts of every vehicle answer at once; the same by HTTP.
+    #[command(after_help = "\
+Examples:
+  gnp play                                     the real scenes that come with the project, at http://127.0.0.1:8017/
+  gnp play --input tracks.csv --port 0         tracks of your own, at any port that is free
+  gnp play --recording us101-10_1 --model runs/d
+
+Only this computer can reach it unless --listen says otherwise. Ctrl-C ends it. The HTTP API is described by /openapi.json
+and docs/play.md.")]
+    Play(PlayArgs),
+>>>>>>> main
     /// Write report.html of a finished run: what was run, quality, scores, figures, a scene player.
     #[command(after_help = "\
 Example:

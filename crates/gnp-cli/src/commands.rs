@@ -1,6 +1,7 @@
 //! What each command does.
 
 mod model;
+mod play;
 
 use std::io::{self, Write as _};
 use std::path::Path;
@@ -46,6 +47,7 @@ pub(crate) fn dispatch(command: &Command, program: &Program) -> Result<()> {
         Command::Export(args) => model::export(args, program),
         Command::Info(args) => model::info(args, program),
         Command::Explain(args) => model::explain(args, program),
+        Command::Play(args) => play::play(args, program),
         Command::Simulate(args) => simulate(args, program),
         Command::Measure(args) => measure(args, program),
         Command::Realism(args) => realism(args, program),
@@ -78,7 +80,7 @@ pub(crate) fn to_go_on(command: &Command, folder: &Path) -> Option<String> {
         // Done again from the start, which takes seconds.
         Command::Simulate(_) | Command::Measure(_) | Command::Realism(_) | Command::Convert(_) => None,
         Command::Predict(args) => Some(model::again(args)),
-        Command::Explain(_) => None,
+        Command::Explain(_) | Command::Play(_) => None,
         _ => Some(format!("gnp pipeline --resume --out {folder}")),
     }
 }

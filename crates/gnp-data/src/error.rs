@@ -225,6 +225,8 @@ pub enum DataError {
         problem: TrackProblem,
         /// Where it shows first: file, line or row, column, as far as they are known.
         place: String,
+        /// The same as a row of the [`TrackTable`](crate::TrackTable), from 0, where one is at fault.
+        row: Option<usize>,
         /// What is wrong, with its numbers.
         what: String,
         /// What to do.

@@ -90,7 +90,7 @@ pub trait Format: Send + Sync {
             let (problem, place) = (TrackProblem::Road, source.file()?.display().to_string());
             let what = format!("a road or lane lines are given, and recordings of {} have their own", self.title());
             let remedy = "leave them out".to_owned();
-            return Err(DataError::Tracks { problem, place, what, remedy });
+            return Err(DataError::Tracks { problem, place, row: None, what, remedy });
         }
         self.read(source, options.rate_hz)
     }

@@ -280,7 +280,7 @@ impl TrackTable {
         if let Some(column) = column {
             place += &format!(", column `{}`", self.column(column));
         }
-        DataError::Tracks { problem, place, what, remedy: remedy.into() }
+        DataError::Tracks { problem, place, row, what, remedy: remedy.into() }
     }
 
     /// Name of a vehicle for a message, whatever its length.

@@ -46,6 +46,7 @@ pub(crate) fn without_rows(source: &Source) -> DataError {
     DataError::Tracks {
         problem: TrackProblem::Empty,
         place: source.files.first().map_or_else(|| source.name.clone(), |file| file.display().to_string()),
+        row: None,
         what: "there are no tracks".to_owned(),
         remedy: "give a row for each vehicle and moment".to_owned(),
     }

@@ -295,3 +295,22 @@ fn absurd_vehicles_stay_finite() {
         }
     }
 }
+
+/// Without the free road a vehicle is braked by its leader as the interaction says, and stops for him.
+#[test]
+fn who_coasts_only_brakes() {
+    let start = [car(60., 0., None), car(0., 12., Some(0)), car(-40., 12., Some(1))];
+    let mut coasting = Platoon::default();
+    coasting.roll_out_coasting_into(&start, Some(1), 0.1, 300, 0.).unwrap();
+    let driving = Platoon::roll_out(&start, 0.1, 300, 0.).unwrap();
+    let of = |values: &[f64], vehicle: usize| values[vehicle * 300..(vehicle + 1) * 300].to_vec();
+    assert!(of(coasting.free(), 1).iter().all(|free| *free == 0.) && of(driving.free(), 1)[0] > 0.);
+    assert!(of(coasting.free(), 2)[0] > 0., "the others drive on");
+    assert_eq!(coasting.interaction()[300], driving.interaction()[300]);
+    let (x, v) = (of(coasting.positions(), 1), of(coasting.speeds(), 1));
+    assert!(v.is_sorted_by(|a, b| a >= b) && v[299] < 0.1 && x.is_sorted(), "{} {}", v[0], v[299]);
+    assert!(x[299] < of(driving.positions(), 1)[299], "{} {}", x[299], of(driving.positions(), 1)[299]);
+    let mut nobody = Platoon::default();
+    nobody.roll_out_coasting_into(&start, Some(3), 0.1, 300, 0.).unwrap();
+    assert_eq!(nobody, driving);
+}

@@ -3,7 +3,7 @@
 //! [`Gnp::open`] reads a model folder, [`ModelFolder`], and [`Gnp::load`] the same weights (modes, goal network, social
 //! force) of a run folder; both give a [`gnp_data::Predictor`]. [`Features`] turns windows into what the networks take, the same for
 //! training and prediction. [`Gnp::predict_into`] predicts frame after frame on the caller's thread without allocations.
-//! [`Checkpoint`] is the file format of the weights.
+//! [`Gnp::without_terms`] switches terms of the force off. [`Checkpoint`] is the file format of the weights.
 
 mod augmented_view;
 mod card;
@@ -21,6 +21,7 @@ mod rows;
 mod scene;
 mod select;
 mod situation;
+mod terms;
 mod trust;
 mod variants;
 

@@ -43,7 +43,7 @@ pub use crate::force_chart::force_scenes;
 pub use crate::intention::{Intentions, intentions};
 pub use crate::png::{PaintError, Painter};
 pub use crate::reliability::{GivenMode, ReliabilityBin, reliability, reliability_bins};
-pub use crate::report::{Report, ReportCell, ReportSection, ReportTable};
+pub use crate::report::{Report, ReportCell, ReportSection, ReportTable, SCENE_SCRIPT, SCENE_STYLE};
 pub use crate::scene::{Other, Scene, VehicleBox};
 pub use crate::select::{LateralManoeuvre, SceneRule, find_scene, lateral_manoeuvre, quantiles};
 pub use crate::space_time::{LongitudinalForecast, SpaceTime, Trace, space_time};

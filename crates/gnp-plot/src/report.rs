@@ -11,6 +11,10 @@ use crate::clip::Clip;
 use crate::figure::Figure;
 use crate::svg::escape;
 
+/// How scenes are drawn, as a classic script that defines `gnpScene`: the report's player and the live page use it.
+pub const SCENE_SCRIPT: &str = include_str!("report/scene.js");
+/// The colours of light and dark that go with [`SCENE_SCRIPT`].
+pub const SCENE_STYLE: &str = include_str!("report/theme.css");
 const STYLE: &str = include_str!("report/style.css");
 const PLAYER: &str = include_str!("report/player.js");
 
@@ -97,7 +101,7 @@ impl Report {
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n\
-             <style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
+             <style>\n{SCENE_STYLE}{STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
         );
         if self.simulated {
             page.push_str("<p class=\"simulated\">Made from <em>simulated</em> data.</p>\n");
@@ -123,7 +127,7 @@ impl Report {
         }
         let _ = write!(
             page,
-            "<p class=\"keys\" id=\"ready\"></p>\n</main>\n<script>\n{PLAYER}</script>\n</body>\n</html>\n"
+            "<p class=\"keys\" id=\"ready\"></p>\n</main>\n<script>\n{SCENE_SCRIPT}{PLAYER}</script>\n</body>\n</html>\n"
         );
         Ok(page)
     }

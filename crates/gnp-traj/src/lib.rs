@@ -10,6 +10,7 @@
 //!
 //! Start at [`SocialForce`] and [`RollOutBatch`]. Other terms of the force act beside the networks' own, with fixed
 //! parameters: those of `gnp_force` by their name in [`TrajConfig::terms`], any other by [`SocialForce::with_term`].
+//! [`SocialForce::without_terms`] switches terms off, whichever they are.
 //!
 //! ```
 //! use candle_core::{DType, Device, Tensor};

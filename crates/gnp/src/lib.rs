@@ -57,7 +57,9 @@ mod what_if;
 
 pub use crate::config::{DataConfig, GoalSection, PathSection, PredictConfig, RunConfig, Setting};
 pub use crate::convert::{Conversion, Converted, convert};
-pub use crate::data::{IngestSummary, RecordingReport, describe, embedded_folder, road_options};
+pub use crate::data::{
+    IngestSummary, RecordingReport, RecordingsRequest, describe, embedded_folder, recordings, road_options,
+};
 pub use crate::error::{Error, Result};
 pub use crate::evaluation::faithfulness::{Estimate, Faithfulness, faithfulness};
 pub use crate::evaluation::{PredictionsOn, Scores, score_predictions, score_recordings};

@@ -17,6 +17,12 @@ pub fn now() -> Option<u64> {
     parse(&status, "VmRSS:")
 }
 
+/// Resident size of a process by its number, bytes; `None` as for [`peak`], and where there is no such process.
+#[must_use]
+pub fn of(process: u32) -> Option<u64> {
+    parse(&std::fs::read_to_string(format!("/proc/{process}/status")).ok()?, "VmRSS:")
+}
+
 /// Bytes that the program may have in all: those it has now, and those that are free in the system and in the control
 /// group that the program runs in (version 1 or 2); `None` where the system does not tell (all but Linux).
 #[must_use]

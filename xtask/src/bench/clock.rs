@@ -9,7 +9,7 @@ pub(super) type Run<'a> = &'a (dyn Fn() -> Result<()> + Sync);
 
 /// Seconds of every repeat, ascending.
 #[derive(Clone, Debug)]
-pub(super) struct Sample(Vec<f64>);
+pub(crate) struct Sample(Vec<f64>);
 
 /// Two things timed in turn.
 #[derive(Clone, Debug)]
@@ -23,19 +23,19 @@ pub(super) struct Pair {
 }
 
 impl Sample {
-    pub(super) fn new(mut seconds: Vec<f64>) -> Self {
+    pub(crate) fn new(mut seconds: Vec<f64>) -> Self {
         seconds.sort_by(f64::total_cmp);
         Self(seconds)
     }
 
     /// The value that `share` of the repeats do not exceed (nearest rank); NaN without any.
-    pub(super) fn quantile(&self, share: f64) -> f64 {
+    pub(crate) fn quantile(&self, share: f64) -> f64 {
         let rank = (share * self.0.len() as f64).ceil() as usize;
         self.0.get(rank.max(1) - 1).copied().unwrap_or(f64::NAN)
     }
 
     /// Number of repeats.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.0.len()
     }
 

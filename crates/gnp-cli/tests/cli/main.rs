@@ -8,6 +8,7 @@ mod cluster;
 mod convert;
 mod copies;
 mod pipeline;
+mod play;
 mod predict;
 mod program;
 mod replay;

@@ -204,6 +204,7 @@ impl ParquetTable {
         DataError::Tracks {
             problem: TrackProblem::Columns,
             place: format!("{}, column `{}`", self.file.display(), gnp_file::excerpt(&self.names[index], 60)),
+            row: None,
             what: format!("it holds {nested}{found}"),
             remedy: format!("write {needs}"),
         }

@@ -376,6 +376,7 @@ impl Degrees {
         Err(DataError::Tracks {
             problem: TrackProblem::Unit,
             place: file.display().to_string(),
+            row: None,
             what: format!("vehicles move by {way:.5} where their speeds make {driven:.0} m: x and y are degrees"),
             remedy: "run SUMO without --fcd-output.geo".to_owned(),
         })

@@ -7,7 +7,7 @@ use gnp_model::{Forecasts, Selection, Trust, Workspace};
 use super::*;
 
 /// The largest difference of probabilities, paths (m) and forces (m/s²) from what `predict` gives.
-fn difference(model: &Gnp, observations: &[Observation<'_>], k: usize, workspace: &mut Workspace) -> f32 {
+pub(crate) fn difference(model: &Gnp, observations: &[Observation<'_>], k: usize, workspace: &mut Workspace) -> f32 {
     let (wanted, mut found) = (model.predict(observations, k).unwrap(), Forecasts::default());
     model.predict_into(observations, k, workspace, &mut found).unwrap();
     assert_eq!((found.windows(), found.steps()), (observations.len(), model.shape().t_pred));
@@ -65,7 +65,7 @@ fn forecasts_are_those_of_predict() {
 }
 
 /// The embedded recordings of highD's layout with the steps of `configs/highd.toml`, and those of NGSIM with its own.
-fn recorded(dataset: Dataset, folder: &str, rate_hz: f64) -> Vec<Recording> {
+pub(crate) fn recorded(dataset: Dataset, folder: &str, rate_hz: f64) -> Vec<Recording> {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures").join(folder);
     let source = discover(&fixtures, dataset).unwrap().swap_remove(0);
     let expect = Expectation { dataset, rate_hz: Some(rate_hz) };

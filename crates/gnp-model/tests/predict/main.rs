@@ -5,6 +5,7 @@
 
 mod explained;
 mod into;
+mod terms_off;
 mod trust;
 
 use std::collections::BTreeMap;

@@ -234,3 +234,56 @@ fn terms_that_cannot_act_are_refused_by_name() -> Outcome {
     assert!(matches!(twice, Err(TrajError::Term { name, .. }) if name == "drag"));
     Ok(())
 }
+
+/// Whatever is switched off: both engines give one path and the same gradients, and list what is left; what is off exerts
+/// no force and asks for no weights.
+#[test]
+fn any_terms_can_be_switched_off() -> Outcome {
+    const NAMES: [&str; 5] = ["goal", "neighbours", "lines", "drag", "following"];
+    let (all, weights) = with_terms(&small())?;
+    let batch = scene(11, 2, 45)?;
+    for mask in 0..1 << NAMES.len() {
+        let (off, on): (Vec<_>, Vec<_>) =
+            NAMES.into_iter().enumerate().partition::<Vec<_>, _>(|(i, _)| mask & (1 << i) != 0);
+        let [off, on] = [off, on].map(|names| names.into_iter().map(|(_, name)| name).collect::<Vec<_>>());
+        let network = all.clone().without_terms(&off)?;
+        let outcome = |engine: Engine| -> Outcome<_> {
+            let told = network.roll_out_explained_on(engine, &batch, Phase::Full)?;
+            let names: Vec<String> = told.terms.iter().map(|term| term.term.name.to_string()).collect();
+            assert_eq!(names, on, "{engine:?}");
+            let path = network.roll_out_on(engine, &batch, Phase::Full)?;
+            assert_close("explained", &values(&told.path)?, &values(&path)?, 1e-5);
+            let loss = ((path.sqr()? * 0.05)? + &path)?.sum_all()?;
+            Ok((values(&path)?, gradients(&weights, &loss)?))
+        };
+        let ((wanted, wanted_gradients), (path, found)) = (outcome(Engine::Graph)?, outcome(Engine::Fused)?);
+        assert_close(&format!("path without {off:?}"), &path, &wanted, 1e-5);
+        for ((name, found), (_, wanted)) in found.into_iter().zip(wanted_gradients) {
+            let zeros = || vec![0.; found.as_ref().or(wanted.as_ref()).map_or(0, Vec::len)];
+            let [found, wanted] = [found.clone(), wanted.clone()].map(|gradient| gradient.unwrap_or_else(zeros));
+            assert_close(&format!("{name} without {off:?}"), &found, &wanted, 1e-4);
+        }
+        // With nothing at all the velocity stays.
+        if on.is_empty() {
+            let start = batch.observed.narrow(1, 3, 1)?.broadcast_as((11, 2, 4))?;
+            for step in 1..=batch.steps {
+                let along = (start.narrow(2, 2, 2)? * (step as f64 * batch.dt))?;
+                let straight = (start.narrow(2, 0, 2)? + along)?;
+                let now = network.roll_out(&batch, Phase::Full)?.narrow(2, step - 1, 1)?.squeeze(2)?;
+                assert_close("straight", &values(&now)?, &values(&straight)?, 1e-5);
+            }
+        }
+    }
+    let twice = all.clone().without_terms(&["goal"])?.without_terms(&["lines"])?;
+    let once = all.clone().without_terms(&["lines", "goal"])?;
+    let path = |network: &SocialForce| -> Outcome<_> { Ok(values(&network.predict(&batch, Phase::Full)?)?) };
+    assert_eq!(path(&twice)?, path(&once)?);
+    assert_eq!(twice.term_descriptors().map(|term| &*term.name).collect::<Vec<_>>(), NAMES);
+    match all.without_terms(&["drag", "gravity"]) {
+        Err(TrajError::Term { name, problem }) => {
+            assert!(name == "gravity" && problem.contains("goal, neighbours, lines, drag, following"), "{problem}");
+        }
+        other => return Err(format!("{other:?}").into()),
+    }
+    Ok(())
+}

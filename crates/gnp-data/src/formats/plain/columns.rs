@@ -111,7 +111,7 @@ impl Found {
                     places[1] + 1
                 );
                 let remedy = "rename or remove the wrong one".to_owned();
-                Err(DataError::Tracks { problem: TrackProblem::Columns, place, what, remedy })
+                Err(DataError::Tracks { problem: TrackProblem::Columns, place, row: None, what, remedy })
             }
             ([one], _) if ours() => {
                 let place = format!("{}, line 1", file.display());
@@ -120,7 +120,7 @@ impl Found {
                     "time" => "add the time of each row in s, such as frame / rate".to_owned(),
                     _ => "add it: plain tracks have id, time, x and y (docs/data.md)".to_owned(),
                 };
-                Err(DataError::Tracks { problem: TrackProblem::Columns, place, what, remedy })
+                Err(DataError::Tracks { problem: TrackProblem::Columns, place, row: None, what, remedy })
             }
             _ => Ok(None),
         }

@@ -27,7 +27,7 @@ fn refused(text: &str) -> (TrackProblem, String) {
     let folder = tempfile::tempdir().unwrap();
     let file = put(folder.path(), "case.csv", text);
     match read_all(&file, Dataset::TRACKS).unwrap_err() {
-        DataError::Tracks { problem, place, what, remedy } => (problem, format!("{place}: {what}; {remedy}")),
+        DataError::Tracks { problem, place, what, remedy, .. } => (problem, format!("{place}: {what}; {remedy}")),
         other => panic!("{other:?}"),
     }
 }
