@@ -12,11 +12,13 @@ from pathlib import Path
 from PIL import Image, ImageDraw
 from playwright.sync_api import sync_playwright
 
-from play import FOLLOWER, LEADER, Play
+from play import FOLLOWER, LEADER, LINK, TIME_S, Play
 
 # Pixels; seconds of a picture.
-SIZE = (900, 620)
-FRAME_S, PAUSE_S = 0.1, 1.6
+SIZE = (900, 760)
+FRAME_S, PAUSE_S = 0.1, 2.0
+# The recording is played up to the moment that is held, steps of a frame.
+LEAD = 10
 # What the file may have, bytes: a page loads it at once.
 LARGEST = 2_500_000
 COLOURS = 96
@@ -45,6 +47,11 @@ class Film:
             self.play.settle()
             self.take()
 
+    def say(self, words):
+        """Puts a caption between the title and the buttons of the page."""
+        caption = "words => { const e = document.querySelector('header .spacer'); e.textContent = words; e.style.textAlign = 'center'; e.style.fontWeight = 600; }"
+        self.play.page.evaluate(caption, words)
+
     def press(self, key, seconds=FRAME_S):
         self.play.press(key)
         self.take(seconds)
@@ -62,25 +69,31 @@ class Film:
 
 
 def act(film):
-    play = film.play
-    film.take(PAUSE_S)
-    # The recording goes on a little, its forecasts with it.
-    for _ in range(10):
+    play, page = film.play, film.play.page
+    # Of two films of one build one picture may not differ: how soon an answer came is left out.
+    page.evaluate("document.getElementById('latency').hidden = true")
+    play.press("m")
+    film.say("What the model expects of a vehicle")
+    film.take(PAUSE_S / 2)
+    for _ in range(LEAD):
         film.press(".")
-    for _ in range(10):
-        play.press(",")
+    film.say("What if the leader were 10 m nearer?")
     film.press("g")
     x, y = play.place(*play.known[LEADER])
     film.pointer = (x + 160, y + 110)
-    film.point((x, y), 8)
-    play.page.mouse.down()
-    film.point(play.place(play.known[LEADER][0] - 10, play.known[LEADER][1]), 20)
-    play.page.mouse.up()
+    film.point((x, y), 6)
+    page.mouse.down()
+    film.point(play.place(play.known[LEADER][0] - 10, play.known[LEADER][1]), 15)
+    page.mouse.up()
     play.settle()
-    film.take(PAUSE_S)
-    film.press("Delete", PAUSE_S)
-    play.page.locator("#road").focus()
+    film.take(1.5 * PAUSE_S)
+    film.say("And if he were gone?")
+    film.press("Delete", 1.5 * PAUSE_S)
+    page.locator("#road").focus()
+    film.say("What follows, driven on")
     for _ in range(25):
+        # Two steps a picture: twice as fast as it happens.
+        play.press(".")
         film.press(".")
     film.shots[-1] = (film.shots[-1][0], PAUSE_S)
 
@@ -90,7 +103,7 @@ def main():
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=os.environ["GNP_CHROMIUM"], args=["--no-sandbox"])
         context = browser.new_context(viewport=dict(zip(("width", "height"), SIZE, strict=True)), color_scheme="light", reduced_motion="reduce")
-        play = Play(context.new_page(), os.environ["GNP_URL"]).open()
+        play = Play(context.new_page(), os.environ["GNP_URL"]).open(LINK.replace(f"t={TIME_S}", f"t={TIME_S - LEAD / 10:.1f}"))
         film = Film(play)
         act(film)
         if play.troubles or not play.forecast(FOLLOWER):

@@ -12,7 +12,7 @@ PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobil
 TARGET_PX = 40
 # Of text and its background (WCAG 2, level AA).
 CONTRAST = 4.5
-LATE_MS = 150
+LATE_MS = 400
 SHADES = """() => {
   const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
   const behind = (element) => {
@@ -235,3 +235,15 @@ def test_the_recording_plays_with_live_forecasts(page_of, url):
     path = next(forecast for forecast in answer["forecasts"] if forecast["id"] == FOLLOWER)["modes"][0]["path"]
     assert play.forecast()[-1] == pytest.approx(path[-1], abs=0.011)
     assert play.changes() == []
+
+
+def test_what_the_policy_forbids_does_not_happen(page_of):
+    play = page_of(allowed="Content Security Policy")
+    script = "const s = document.createElement('script'); s.textContent = 'window.inline = 1'; document.head.append(s);"
+    assert play.page.evaluate(f"() => {{ {script} return window.inline ?? 0; }}") == 0
+    elsewhere = "fetch('http://localhost:9/').then(() => 'asked', () => 'refused')"
+    assert play.page.evaluate(elsewhere) == "refused"
+    style = "() => { document.body.insertAdjacentHTML('beforeend', '<p id=\"styled\" style=\"color: red\">x</p>'); return getComputedStyle(document.getElementById('styled')).color; }"
+    assert play.page.evaluate(style) != "rgb(255, 0, 0)"
+    # Each is reported, so that other tests see whatever of it the page does by itself.
+    assert len(play.troubles) >= 3

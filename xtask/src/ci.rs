@@ -112,10 +112,10 @@ const RERUN: [Step<'_>; 3] = [
 const TEST: Step<'_> = Step { name: "test", arguments: &["test", "--workspace"], environment: &[] };
 
 /// Runs format, tidy, the supply chain, clippy, doc, crates alone with their features, a dependant on stable Rust, packages,
-/// the tests of kernels and networks on emulated 64-bit ARM, the C library, the Python package, the page in a browser and the server
-/// under load where their tools are there,
-/// the ratios of `bench --check --quick`, one run on several numbers of threads, every trouble of the crash harness once, a
-/// while of each fuzzing target, with `rerun` what needs that feature, and test; stops at the first that fails.
+/// the tests of kernels and networks on emulated 64-bit ARM, the C library, the Python package, the page in a browser and the
+/// server under load where their tools are there, the ratios of `bench --check --quick`, one run on several numbers of threads,
+/// every trouble of the crash harness once, a while of each fuzzing target, with `rerun` what needs that feature, and test;
+/// stops at the first that fails.
 ///
 /// # Errors
 /// Names the step that failed.

@@ -26,8 +26,8 @@ pub use crate::idm::{Idm, IdmParameters, Leader};
 pub use crate::kalman::{AxisNoise, Gaussian, Kalman};
 pub use crate::motion::BaselineError;
 pub use crate::platoon::{
-    ActingTerms, Drivers, FittedDrivers, Motion, PlatoonParameters, PlatoonRoom, PlatoonRule, SeenVehicle, Traffic,
-    lateral,
+    ActingTerms, Drivers, FittedDrivers, Motion, PlatoonParameters, PlatoonRoom, PlatoonRule, SeenBehind, SeenMotion,
+    SeenVehicle, Traffic, lateral,
 };
 pub use crate::rule::{Parameters, Rule};
 pub use crate::velocity::ConstantVelocity;

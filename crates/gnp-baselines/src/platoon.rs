@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::acting::ActingTerms;
 use self::traffic::{GatherRoom, Spans};
-pub use self::traffic::{SeenVehicle, Traffic};
+pub use self::traffic::{SeenBehind, SeenMotion, SeenVehicle, Traffic};
 use crate::by_site::BySite;
 use crate::motion::{BaselineError, periods, velocity};
 use crate::rule::{Rule, parameters, parsed};
@@ -331,16 +331,17 @@ fn roll_out(
     motion: &mut Motion,
 ) -> Result<(), ForceError> {
     // Shares of the short and the long acceleration, and both together.
-    let measured = |it: &SeenVehicle| {
+    let measured = |it: &SeenMotion| {
         let short = drivers.habit.powi(2) / (drivers.habit.powi(2) + it.variance + LEAST_VARIANCE);
         let long = (1. - short) * drivers.slow_habit;
         let bounded = |value: f64| value.clamp(-MOST_ACCELERATION, MOST_ACCELERATION);
         (short + long, short * bounded(it.acceleration) + long * bounded(it.slow_acceleration))
     };
+    // A jump in a track is no speed that anybody drives.
+    let speed = |it: &SeenMotion| (it.speed.max(0.) + it.since * measured(it).1).clamp(0., FASTEST);
     followers.clear();
     followers.extend(vehicles.iter().map(|it| {
-        // A jump in a track is no speed that anybody drives.
-        let speed = (it.speed.max(0.) + it.since * measured(it).1).clamp(0., FASTEST);
+        let speed = speed(&it.motion);
         let desired_speed = drivers.desired_speed.max(speed * SPARE_SPEED);
         let Drivers { time_gap, standstill_gap, acceleration, braking, .. } = *drivers;
         Follower {
@@ -358,15 +359,23 @@ fn roll_out(
     }
     for (i, it) in vehicles.iter().enumerate() {
         let mut rule = 0.;
-        if let Some(leader) = followers[i].leader {
-            let (ahead, own) = (followers[leader], &mut followers[i]);
-            let (distance, body) = (ahead.position - own.position, (ahead.length + own.length) / 2.);
+        let ahead = match it.behind {
+            SeenBehind::Leader => it.leader.and_then(|leader| followers.get(leader)).map(|ahead| {
+                let distance = ahead.position - it.position;
+                (distance, ahead.length, ahead.speed)
+            }),
+            SeenBehind::Nobody => None,
+            SeenBehind::Other { distance, motion, length } => Some((distance, length, speed(&motion))),
+        };
+        if let Some((distance, length, ahead_speed)) = ahead {
+            let own = &mut followers[i];
+            let body = (length + own.length) / 2.;
             let gap = (distance - body).max(LEAST_GAP) - drivers.standstill_gap;
             let kept = (gap / own.speed.max(LEAST_SPEED)).clamp(TIME_GAPS[0], TIME_GAPS[1]);
             own.driver.time_gap += drivers.own_gap * (kept - own.driver.time_gap);
-            rule = following_acceleration(distance, body, own.speed, ahead.speed, &own.driver);
+            rule = following_acceleration(distance, body, own.speed, ahead_speed, &own.driver);
         }
-        let (share, measured) = measured(it);
+        let (share, measured) = measured(&it.motion);
         followers[i].habit = measured - share * rule;
     }
     if let Some(target) = followers.get_mut(Traffic::TARGET).filter(|_| !habit) {

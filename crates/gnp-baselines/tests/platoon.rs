@@ -4,7 +4,10 @@
 #![allow(clippy::unwrap_used)]
 
 use gnp_baselines::{ActingTerms, Drivers, PlatoonRule, RULES, Traffic};
-use gnp_data::{LaneMarking, LiveScene, Predictor, Recording, Sample, Slot, VehicleClass, Window, WindowShape};
+use gnp_data::{
+    EditedScene, LaneMarking, LiveScene, Predictor, Recording, Sample, SceneEdit, Slot, VehicleClass, Window,
+    WindowShape,
+};
 use gnp_force::{Driver, Follower, Platoon};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -72,6 +75,7 @@ fn the_column_ahead_is_found_nearest_first_with_speeds_and_accelerations() {
     let column: Vec<u32> = traffic.column().map(|it| it.vehicle).collect();
     assert_eq!(column, [1, 2]);
     for (it, a) in traffic.vehicles().iter().zip([0., 0.5, -0.3]) {
+        let it = it.motion;
         assert!((it.acceleration - a).abs() < 0.02 && (it.slow_acceleration - a).abs() < 0.005, "{it:?}");
         assert!(it.variance < 1e-2 && (it.since - 0.6).abs() < 1e-9, "{it:?}");
     }
@@ -108,7 +112,7 @@ fn a_prediction_is_the_roll_out_of_the_column() {
         .iter()
         .map(|it| Follower {
             position: it.position,
-            speed: it.speed,
+            speed: it.motion.speed,
             length: it.length,
             leader: it.leader,
             driver: Driver {
@@ -164,6 +168,41 @@ fn terms_of_the_target_can_be_switched_off() {
         assert!(!(mask == 7) || motion.speed(0, 50) == motion.speed(0, 0));
     }
     assert_eq!(ActingTerms::ALL.without("goal"), None);
+}
+
+/// His habit and the gap he keeps are what was seen of a driver: they stay where his leader is gone, or is elsewhere.
+#[test]
+fn a_driver_stays_who_he_is_when_his_leader_is_changed() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let scene = scene(&lane(4, Driver::motorway(), &mut rng));
+    let window = window(scene.recording().unwrap(), 2, 30);
+    let seen = window.observation();
+    let rule = PlatoonRule::of_drivers(Drivers::TYPICAL).unwrap();
+    let traffic = rule.traffic(&seen);
+    let [_, following, habit] = rule.roll_out("live", &traffic, &shape()).unwrap().acceleration(0);
+    assert!(habit.abs() > 1e-3 && following < 0., "{habit} {following}");
+    let alone = rule.roll_out("live", &traffic.without_nearest(9), &shape()).unwrap();
+    assert_eq!(alone.acceleration(0), [0., 0., habit]);
+
+    let leader = seen.leader().unwrap().vehicle();
+    let moved = |forward: f32| {
+        let edit = SceneEdit::Move { vehicle: leader, by: [forward, 0.] };
+        let edited = EditedScene::of(&seen).with(&edit).unwrap();
+        let traffic = rule.traffic(&edited.observation(seen.vehicle()).unwrap());
+        rule.roll_out("live", &traffic, &shape()).unwrap()
+    };
+    let (same, near, far) = (moved(0.), moved(-5.), moved(5.));
+    assert!((same.position(0, 50) - rule.roll_out("live", &traffic, &shape()).unwrap().position(0, 50)).abs() < 1e-9);
+    for motion in [&near, &far] {
+        assert!((motion.acceleration(0)[2] - habit).abs() < 1e-5, "{:?} {habit}", motion.acceleration(0));
+    }
+    assert!(near.acceleration(0)[1] < 1.2 * following && far.acceleration(0)[1] > 0.9 * following);
+    assert!(near.position(0, 50) < same.position(0, 50) && same.position(0, 50) < far.position(0, 50));
+    // A speed of its own is another driver.
+    let edit = SceneEdit::Speed { vehicle: seen.vehicle(), speed_mps: 5. };
+    let slow = EditedScene::of(&seen).with(&edit).unwrap();
+    assert!(slow.observation(seen.vehicle()).unwrap().before_changes(seen.vehicle()).is_none());
+    assert!(seen.before_changes(leader).is_none());
 }
 
 /// Traffic of known drivers: the fit predicts them better than what it set out from, states an interval in which they

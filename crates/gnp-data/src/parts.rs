@@ -43,6 +43,7 @@ impl Recording {
             lane_order: None,
             without_velocity: Vec::new(),
             names: BTreeMap::new(),
+            unchanged: None,
         })
     }
 }

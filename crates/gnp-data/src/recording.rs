@@ -1,8 +1,9 @@
 //! One recording: every track of one file (or one period of a site), track-major, in SI units.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::sync::Arc;
 
 use gnp_force::MarkingKind;
 use gnp_road::{LaneLinesError, ReferenceLine, check_lane_lines};
@@ -12,6 +13,7 @@ use crate::dataset::Dataset;
 use crate::leader::NAMED_LEADER_SIZE;
 use crate::lookup::FrameIndex;
 use crate::slot::{SLOTS, Slot};
+use crate::snapshot::Snapshot;
 
 /// What a vehicle is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -257,6 +259,16 @@ pub struct Recording {
     pub(crate) without_velocity: Vec<u32>,
     /// Names of vehicles whose names in the data are no numbers.
     pub(crate) names: BTreeMap<u32, String>,
+    /// What it was before it was changed: in an [`EditedScene`](crate::EditedScene) alone.
+    pub(crate) unchanged: Option<Unchanged>,
+}
+
+/// A scene before its changes.
+#[derive(Clone, Debug)]
+pub(crate) struct Unchanged {
+    pub(crate) scene: Arc<Snapshot>,
+    /// Vehicles that were given another speed.
+    pub(crate) speeds: BTreeSet<u32>,
 }
 
 /// Lane numbers of the data, each with its place in the order from the left.

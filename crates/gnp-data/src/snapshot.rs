@@ -263,6 +263,7 @@ impl Snapshot {
             lane_order: None,
             without_velocity: Vec::new(),
             names: BTreeMap::new(),
+            unchanged: None,
         };
         let (pasts, places, neighbours) = (Vec::new(), Vec::new(), Neighbours::default());
         Self { recording, shape, frame: 0, pasts, places, neighbours }

@@ -4,7 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::recording::{LaneMarking, Recording, Track, TrackState, VehicleClass};
+use crate::parts::track_at;
+use crate::recording::{LaneMarking, Recording, Track, TrackState, Unchanged, VehicleClass};
 use crate::slot::{BySlot, Slot};
 use crate::window_shape::{WindowError, WindowShape, same_rate};
 
@@ -143,6 +144,17 @@ impl<'a> Observation<'a> {
     /// The target's track. Its rows reach into the future, so no caller may follow them.
     pub(crate) fn track(&self) -> &'a Track {
         &self.recording.tracks()[self.track]
+    }
+
+    /// Where the scene is changed ([`EditedScene`](crate::EditedScene)): `vehicle` as it drove before, in which its driver can
+    /// be known. `None` where nothing is changed, or the speed of `vehicle` is; for one that was added, and of an added target.
+    #[must_use]
+    pub fn before_changes(&self, vehicle: u32) -> Option<Neighbour<'a>> {
+        let Unchanged { scene, speeds } = self.recording.unchanged.as_ref()?;
+        let observation = scene.vehicle(self.vehicle())?.window().ok()?;
+        let track =
+            track_at(scene.recording().tracks(), vehicle, scene.frame()).filter(|_| !speeds.contains(&vehicle))?;
+        Some(Neighbour { observation, track })
     }
 
     /// Index of the target's track in its recording.

@@ -4,7 +4,7 @@ use std::any::Any;
 use std::sync::Arc;
 use std::time::Instant;
 
-use axum::extract::rejection::QueryRejection;
+use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query, Request, State};
 use axum::http::Method;
 use axum::middleware::{Next, from_fn_with_state};
@@ -137,7 +137,7 @@ impl Route {
     fn handler(self) -> MethodRouter<Arc<App>> {
         match self {
             Self::Index => get(async || page::index()),
-            Self::Page => get(async |Path(file): Path<String>| page::of_page(&file)),
+            Self::Page => get(async |file: Result<Path<String>, PathRejection>| page::of_page(&text(file)?)),
             Self::OpenApi => get(async || page::openapi()),
             Self::Health => get(async || ([("content-type", "application/json")], r#"{"status":"ok"}"#)),
             Self::Metrics => get(async |State(app): State<Arc<App>>| app.metrics.response()),
@@ -201,17 +201,23 @@ impl Drop for InFlight<'_> {
     }
 }
 
+/// A part of a path; what is no text names nothing.
+fn text(part: Result<Path<String>, PathRejection>) -> Result<String, Problem> {
+    let Path(text) = part.map_err(|_| Problem::new(ProblemKind::NotFound, "there is no such page"))?;
+    Ok(text)
+}
+
 async fn recordings(State(app): State<Arc<App>>) -> Response {
     Json(&app.recordings.listed).into_response()
 }
 
 async fn tracks(
     State(app): State<Arc<App>>,
-    Path(name): Path<String>,
+    name: Result<Path<String>, PathRejection>,
     span: Result<Query<Span>, QueryRejection>,
 ) -> Result<Json<Shown>, Problem> {
     let Query(span) = span.map_err(|error| Problem::at(ProblemKind::InvalidRequest, "query", error.body_text()))?;
-    let (number, _) = app.recordings.named(&name, "name")?;
+    let (number, _) = app.recordings.named(&text(name)?, "name")?;
     let of = Arc::clone(&app);
     let work = move |_: &mut _| Shown::of(of.recordings.number(number)?, span);
     app.turns.take(work).await.map(Json)

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use crate::app::App;
+use crate::object::Object;
 use crate::predict::{EVERY_S, Mode, failed, short, unknown};
 use crate::problem::{Problem, ProblemKind};
 use crate::scene::{ChangeRequest, Changes, Scene, SceneRequest};
@@ -15,10 +16,10 @@ use crate::scene::{ChangeRequest, Changes, Scene, SceneRequest};
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ExplainRequest {
-    scene: SceneRequest,
+    scene: Object<SceneRequest>,
     vehicle: String,
     #[serde(default)]
-    changes: Vec<ChangeRequest>,
+    changes: Vec<Object<ChangeRequest>>,
     k: Option<usize>,
 }
 

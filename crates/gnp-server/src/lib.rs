@@ -12,6 +12,7 @@ mod explain;
 mod limits;
 mod metrics;
 mod model;
+mod object;
 mod page;
 mod predict;
 mod problem;

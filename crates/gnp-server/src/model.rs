@@ -1,7 +1,7 @@
 //! The model that is served.
 
 use gnp::{Model, ScenePredictor};
-use gnp_data::{Predictor as _, WindowShape};
+use gnp_data::WindowShape;
 use serde_json::{Value, json};
 
 use crate::error::ServerError;

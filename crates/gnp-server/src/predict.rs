@@ -1,12 +1,13 @@
 //! `POST /v1/predict`: forecasts of the vehicles of a scene.
 
-use gnp::{Future, ScenePredictor, Unpredicted, VehicleForecast};
+use gnp::{Future, Unpredicted, VehicleForecast};
 use gnp_data::Past;
 use gnp_model::Workspace;
 use gnp_plot::class_name;
 use serde::{Deserialize, Serialize};
 
 use crate::app::App;
+use crate::object::Object;
 use crate::problem::{Problem, ProblemKind};
 use crate::recordings::centimetres;
 use crate::scene::{ChangeRequest, Changes, Scene, SceneRequest, refused};
@@ -18,9 +19,9 @@ pub(crate) const EVERY_S: f64 = 0.2;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PredictRequest {
-    scene: SceneRequest,
+    scene: Object<SceneRequest>,
     #[serde(default)]
-    changes: Vec<ChangeRequest>,
+    changes: Vec<Object<ChangeRequest>>,
     k: Option<usize>,
     every_s: Option<f64>,
     vehicles: Option<Vec<String>>,

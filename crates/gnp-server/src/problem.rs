@@ -169,7 +169,7 @@ impl Problem {
     pub(crate) fn and(mut self, field: impl Into<String>, row: Option<usize>, detail: impl Into<String>) -> Self {
         let (field, detail) = (field.into(), detail.into());
         if self.detail.is_empty() {
-            self.detail = format!("{field}: {detail}").into();
+            self.detail = detail.clone().into();
         }
         self.errors.push(FieldError { field, row, detail });
         self

@@ -13,6 +13,7 @@ use serde::Deserialize;
 pub(crate) use self::changes::{ChangeRequest, Changes, refused};
 use self::tracks::{LineRequest, VehicleRequest};
 use crate::app::App;
+use crate::object::Object;
 use crate::problem::{Problem, ProblemKind};
 use crate::recordings::road_is_there;
 
@@ -26,8 +27,8 @@ pub(crate) struct SceneRequest {
     recording: Option<String>,
     road: Option<usize>,
     time_s: Option<f64>,
-    lines: Option<Vec<LineRequest>>,
-    vehicles: Option<Vec<VehicleRequest>>,
+    lines: Option<Vec<Object<LineRequest>>>,
+    vehicles: Option<Vec<Object<VehicleRequest>>>,
     axis: Option<Vec<[f64; 2]>>,
 }
 
@@ -90,7 +91,7 @@ impl SceneRequest {
         Ok(Scene { moment, recording: Some(name.to_owned()), road, missing: Vec::new(), simulated })
     }
 
-    fn of_tracks(&self, vehicles: &[VehicleRequest], app: &App) -> Result<Scene, Problem> {
+    fn of_tracks(&self, vehicles: &[Object<VehicleRequest>], app: &App) -> Result<Scene, Problem> {
         for (there, field) in [(self.road.is_some(), "scene.road"), (self.time_s.is_some(), "scene.time_s")] {
             if there {
                 return Err(invalid(field, "the moment of a scene of tracks is their last time, on their road"));

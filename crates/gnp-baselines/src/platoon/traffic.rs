@@ -1,12 +1,15 @@
 //! The vehicles of a window that matter to each other along the road: the column ahead of the target and of each neighbour.
 
-use gnp_data::{Leader, Observation, SLOTS, Slot, TrackState};
+use gnp_data::{Leader, Neighbour, Observation, SLOTS, Slot, TrackState, WindowShape};
 
 use crate::motion::slope;
 
 /// Leaders looked up ahead of a vehicle; more bring nothing that can be measured in 5 s. Where a vehicle stands in the
 /// column of another one as well, more than these may be known, and are followed.
 const DEPTH: usize = 4;
+
+/// Places (m) and speeds (m/s) that differ by less are the same: they are sums of single precision.
+const SAME: f64 = 1e-3;
 
 /// What an observation shows of the traffic that a target and its neighbours follow.
 ///
@@ -28,6 +31,19 @@ pub struct SeenVehicle {
     pub vehicle: u32,
     /// Centre along the road, m.
     pub position: f64,
+    /// How it moved.
+    pub motion: SeenMotion,
+    /// Length, m.
+    pub length: f64,
+    /// Vehicle that it follows, by its place in the list.
+    pub leader: Option<usize>,
+    /// Behind whom that motion was seen, which says what kind of driver it has.
+    pub behind: SeenBehind,
+}
+
+/// How a vehicle moved up to the last observed frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenMotion {
     /// Speed forward, m/s, as the slope of a straight line: that of the middle of its span, where the vehicle accelerates.
     pub speed: f64,
     /// From the middle of that span until the last observed frame, s.
@@ -38,10 +54,26 @@ pub struct SeenVehicle {
     pub variance: f64,
     /// Acceleration forward over a long time, m/s²: late, but told better from noise.
     pub slow_acceleration: f64,
-    /// Length, m.
-    pub length: f64,
-    /// Vehicle that it follows, by its place in the list.
-    pub leader: Option<usize>,
+}
+
+/// Behind whom a vehicle was seen to drive. A driver is who he is whatever is changed around him: his gap and his habit are
+/// those of the recorded scene, also where he then follows somebody else.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum SeenBehind {
+    /// Whom it follows now, where that one is now.
+    #[default]
+    Leader,
+    /// Nobody.
+    Nobody,
+    /// Somebody else, or who is now elsewhere.
+    Other {
+        /// From centre to centre, m.
+        distance: f64,
+        /// How that one moved.
+        motion: SeenMotion,
+        /// Its length, m.
+        length: f64,
+    },
 }
 
 /// Over how many frame periods of the past motion is estimated, at most.
@@ -98,6 +130,16 @@ impl Traffic {
         // A vehicle ahead in the lane that is not the leader is beyond one that only the target's rows name.
         self.beyond = slots[Slot::Preceding.index()].filter(|place| self.vehicles[target].leader != Some(*place));
         self.slots = slots;
+        // At the end of a column, whom the last one follows is not looked up, and was not before.
+        for place in (0..self.vehicles.len()).filter(|place| room.followed[*place]) {
+            if let Some(before) = observation.before_changes(self.vehicles[place].vehicle) {
+                let before = behind_before(&before, shape, spans, &mut room.x);
+                // Whom no change reaches is the same to the last bit.
+                if !before.is_as(&self.behind(place)) {
+                    self.vehicles[place].behind = before;
+                }
+            }
+        }
     }
 
     /// The vehicles, the target first.
@@ -141,10 +183,11 @@ impl Traffic {
     pub fn scale(&mut self, factor: f64) {
         for it in &mut self.vehicles {
             it.position *= factor;
-            it.speed *= factor;
-            it.acceleration *= factor;
-            it.variance *= factor * factor;
-            it.slow_acceleration *= factor;
+            it.motion.scale(factor);
+            if let SeenBehind::Other { distance, motion, .. } = &mut it.behind {
+                *distance *= factor;
+                motion.scale(factor);
+            }
         }
     }
 
@@ -160,15 +203,50 @@ impl Traffic {
         Self { vehicles: vehicles.collect(), slots: [None; SLOTS], beyond: None }
     }
 
+    /// Behind whom the vehicle at `place` was seen, by itself.
+    fn behind(&self, place: usize) -> SeenBehind {
+        let it = &self.vehicles[place];
+        match (it.behind, it.leader.and_then(|leader| self.vehicles.get(leader))) {
+            (SeenBehind::Leader, Some(SeenVehicle { position, motion, length, .. })) => {
+                SeenBehind::Other { distance: position - it.position, motion: *motion, length: *length }
+            }
+            (SeenBehind::Leader, None) => SeenBehind::Nobody,
+            (behind, _) => behind,
+        }
+    }
+
     /// The same traffic as if the `count` nearest vehicles ahead of the target were not there: it follows the next one.
     #[must_use]
     pub fn without_nearest(&self, count: usize) -> Self {
         let mut changed = self.clone();
         if count > 0 {
-            changed.vehicles[Self::TARGET].leader = self.places_ahead().nth(count);
+            let target = &mut changed.vehicles[Self::TARGET];
+            target.leader = self.places_ahead().nth(count);
+            target.behind = self.behind(Self::TARGET);
             changed.beyond = None;
         }
         changed
+    }
+}
+
+impl SeenMotion {
+    fn scale(&mut self, factor: f64) {
+        self.speed *= factor;
+        self.acceleration *= factor;
+        self.variance *= factor * factor;
+        self.slow_acceleration *= factor;
+    }
+}
+
+impl SeenBehind {
+    /// Whether both say the same but for rounding.
+    fn is_as(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Other { distance, motion, .. }, Self::Other { distance: as_far, motion: as_fast, .. }) => {
+                (distance - as_far).abs() < SAME && (motion.speed - as_fast.speed).abs() < SAME
+            }
+            _ => self == other,
+        }
     }
 }
 
@@ -260,7 +338,16 @@ fn seen(
     let ((acceleration, variance), (slow_acceleration, _)) =
         (fitted(spans.acceleration), fitted(spans.slow_acceleration));
     let position = f64::from(now.x);
-    SeenVehicle { vehicle, position, speed, since, acceleration, variance, slow_acceleration, length, leader: None }
+    let motion = SeenMotion { speed, since, acceleration, variance, slow_acceleration };
+    SeenVehicle { vehicle, position, motion, length, leader: None, behind: SeenBehind::default() }
+}
+
+/// Behind whom a vehicle was before its scene was changed.
+fn behind_before(before: &Neighbour<'_>, shape: WindowShape, spans: Spans, x: &mut Vec<f64>) -> SeenBehind {
+    let Some(leader) = before.leader() else { return SeenBehind::Nobody };
+    let (state, length) = (|i| leader.state(i), f64::from(leader.size()[0]));
+    let it = seen(leader.vehicle(), state, shape.t_obs, shape.dt(), length, spans, x);
+    SeenBehind::Other { distance: it.position - f64::from(before.now().x), motion: it.motion, length }
 }
 
 /// Positions without which no acceleration is told from noise.
@@ -299,13 +386,10 @@ mod tests {
         SeenVehicle {
             vehicle,
             position: f64::from(vehicle) * 20.,
-            speed: 10.,
-            since: 0.4,
-            acceleration: 0.,
-            variance: 0.,
-            slow_acceleration: 0.,
+            motion: SeenMotion { speed: 10., since: 0.4, acceleration: 0., variance: 0., slow_acceleration: 0. },
             length: 5.,
             leader,
+            behind: SeenBehind::Leader,
         }
     }
 

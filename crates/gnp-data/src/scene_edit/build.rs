@@ -1,11 +1,13 @@
 //! The scene with its changes, made anew from that without.
 
+use std::sync::Arc;
+
 use super::NewVehicle;
 use super::base::{Base, Named};
 use super::edits::{Changed, Difference, Edits, speed_change};
 use super::slots::{self, Placed, by_place};
 use crate::neighbours::LanePosition;
-use crate::recording::{NO_TRACK, NamedLeader, Recording, Track, VelocitySource};
+use crate::recording::{NO_TRACK, NamedLeader, Recording, Track, Unchanged, VelocitySource};
 use crate::slot::{SLOTS, Slot};
 use crate::snapshot::{Past, Snapshot};
 
@@ -29,6 +31,9 @@ pub(super) fn scene(base: &Base, edits: &Edits) -> Snapshot {
     scene.frame = from.frame();
     scene.recording.lane_order.clone_from(lane_order);
     scene.recording.columns.named_leader = columns.named_leader.as_ref().map(|_| Vec::new());
+
+    let speeds = edits.changed.iter().filter(|(_, changed)| changed.speed_mps.is_some()).map(|(vehicle, _)| *vehicle);
+    scene.recording.unchanged = Some(Unchanged { scene: Arc::clone(&base.scene), speeds: speeds.collect() });
 
     let members = members(base, edits);
     for member in &members {

@@ -5,6 +5,7 @@ use gnp_data::{NewVehicle, SceneEdit, VehicleClass};
 use serde::Deserialize;
 
 use super::Scene;
+use crate::object::Object;
 use crate::problem::{Problem, ProblemKind};
 
 /// Most changes of a request.
@@ -16,11 +17,11 @@ const MOST: usize = 500;
 pub(crate) struct ChangeRequest {
     kind: ChangeKind,
     vehicle: Option<String>,
-    by: Option<[f32; 2]>,
-    mps: Option<f32>,
+    by: Option<[f64; 2]>,
+    mps: Option<f64>,
     at: Option<[f64; 2]>,
     class: Option<VehicleClass>,
-    size: Option<[f32; 2]>,
+    size: Option<[f64; 2]>,
     term: Option<String>,
 }
 
@@ -60,7 +61,7 @@ pub(crate) struct Changes {
 impl Changes {
     /// # Errors
     /// A problem with the change and its field: one that its kind does not have, a vehicle that is not in the scene.
-    pub(crate) fn of(requests: &[ChangeRequest], scene: &Scene) -> Result<Self, Problem> {
+    pub(crate) fn of(requests: &[Object<ChangeRequest>], scene: &Scene) -> Result<Self, Problem> {
         if requests.len() > MOST {
             let detail = format!("there are {}; at most {MOST} are taken", requests.len());
             return Err(Problem::at(ProblemKind::InvalidRequest, "changes", detail));
@@ -97,15 +98,15 @@ impl Changes {
                 || Problem::at(ProblemKind::UnknownVehicle, field("vehicle"), format!("there is no vehicle {name}"));
             self.vehicle_named(name, scene).ok_or_else(unknown)
         };
-        let speed_mps = || request.mps.ok_or_else(|| missing("mps"));
+        let speed_mps = || request.mps.map(|speed| speed as f32).ok_or_else(|| missing("mps"));
         let at = || request.at.ok_or_else(|| missing("at"));
         Ok(match request.kind {
             ChangeKind::Remove => SceneEdit::Remove { vehicle: vehicle()? }.into(),
             ChangeKind::Move => {
-                SceneEdit::Move { vehicle: vehicle()?, by: request.by.ok_or_else(|| missing("by"))? }.into()
+                SceneEdit::Move { vehicle: vehicle()?, by: single(request.by.ok_or_else(|| missing("by"))?) }.into()
             }
             ChangeKind::Speed => SceneEdit::Speed { vehicle: vehicle()?, speed_mps: speed_mps()? }.into(),
-            ChangeKind::Goal => Change::Goal { vehicle: vehicle()?, at: at()?.map(|value| value as f32) },
+            ChangeKind::Goal => Change::Goal { vehicle: vehicle()?, at: single(at()?) },
             ChangeKind::WithoutTerm => Change::WithoutTerm(request.term.clone().ok_or_else(|| missing("term"))?),
             ChangeKind::Add => {
                 let name = request.vehicle.clone().ok_or_else(|| missing("vehicle"))?;
@@ -136,12 +137,17 @@ impl Changes {
         let vehicle = scene.moment.free_number(&taken);
         let vehicle = vehicle.ok_or_else(|| wrong("vehicle", "no more vehicles can be added".to_owned()))?;
         let class = request.class.unwrap_or(VehicleClass::Car);
-        let size = request.size.unwrap_or_else(|| class.default_size());
+        let size = request.size.map_or_else(|| class.default_size(), single);
         let (road, at) =
             scene.road_at(at).ok_or_else(|| wrong("at", "this place is not on the scene's road".to_owned()))?;
         self.added.push((name.clone(), vehicle));
         Ok(SceneEdit::Add(NewVehicle { vehicle, name: Some(name), road, at, speed_mps, class, size }).into())
     }
+}
+
+/// In the precision of scenes, which refuse what is infinite in it.
+fn single(values: [f64; 2]) -> [f32; 2] {
+    values.map(|value| value as f32)
 }
 
 impl ChangeRequest {

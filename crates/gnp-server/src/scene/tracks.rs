@@ -10,6 +10,7 @@ use gnp_data::{
 use gnp_road::{ReferenceLine, check_lane_lines};
 use serde::Deserialize;
 
+use crate::object::Object;
 use crate::problem::{Problem, ProblemKind};
 
 /// Longest name of a vehicle, bytes.
@@ -36,7 +37,7 @@ enum LineKind {
 pub(super) struct VehicleRequest {
     id: String,
     class: Option<VehicleClass>,
-    size: Option<[f32; 2]>,
+    size: Option<[f64; 2]>,
     /// Time, s, and centre, m.
     track: Vec<[f64; 3]>,
 }
@@ -46,8 +47,8 @@ pub(super) struct VehicleRequest {
 /// # Errors
 /// A problem with field and row.
 pub(super) fn recording(
-    vehicles: &[VehicleRequest],
-    lines: Option<&[LineRequest]>,
+    vehicles: &[Object<VehicleRequest>],
+    lines: Option<&[Object<LineRequest>]>,
     axis: Option<&[[f64; 2]]>,
 ) -> Result<(Recording, Vec<(String, String)>), Problem> {
     check(vehicles)?;
@@ -77,7 +78,7 @@ pub(super) fn recording(
 }
 
 /// Refuses what no table of tracks can have, by field and row.
-fn check(vehicles: &[VehicleRequest]) -> Result<(), Problem> {
+fn check(vehicles: &[Object<VehicleRequest>]) -> Result<(), Problem> {
     let mut known: BTreeMap<&str, usize> = BTreeMap::new();
     if vehicles.is_empty() {
         return Err(Problem::at(ProblemKind::InvalidTracks, "scene.vehicles", "a scene has at least one vehicle"));
@@ -92,7 +93,7 @@ fn check(vehicles: &[VehicleRequest]) -> Result<(), Problem> {
         if let Some(first) = known.insert(name, i) {
             return wrong("id", format!("scene.vehicles[{first}] has the same name, {name}"));
         }
-        if let Some(size) = vehicle.size.filter(|size| !limits::is_size(*size)) {
+        if let Some(size) = vehicle.size.filter(|size| !limits::is_size(size.map(|it| it as f32))) {
             return wrong("size", format!("{size:?} m is no length and width of a vehicle"));
         }
         if vehicle.track.is_empty() {
@@ -115,7 +116,7 @@ fn check(vehicles: &[VehicleRequest]) -> Result<(), Problem> {
     Ok(())
 }
 
-fn markings(lines: &[LineRequest]) -> Result<Vec<LaneMarking>, Problem> {
+fn markings(lines: &[Object<LineRequest>]) -> Result<Vec<LaneMarking>, Problem> {
     let offsets: Vec<f64> = lines.iter().map(|line| line.y).collect();
     check_lane_lines(&offsets)
         .map_err(|error| Problem::at(ProblemKind::InvalidTracks, "scene.lines", error.to_string()))?;
@@ -126,13 +127,13 @@ fn markings(lines: &[LineRequest]) -> Result<Vec<LaneMarking>, Problem> {
     Ok(lines.iter().map(|line| LaneMarking { kind: kind(line.kind), y: line.y as f32 }).collect())
 }
 
-fn table(vehicles: &[VehicleRequest]) -> TrackTable {
+fn table(vehicles: &[Object<VehicleRequest>]) -> TrackTable {
     let mut table = TrackTable::new(Dataset::TRACKS, "request", "request");
     for (vehicle, index) in vehicles.iter().zip(0..) {
         let mut known = TableVehicle::named(&vehicle.id);
         known.class = vehicle.class;
-        known.length = vehicle.size.map(|[length, _]| length);
-        known.width = vehicle.size.map(|[_, width]| width);
+        known.length = vehicle.size.map(|[length, _]| length as f32);
+        known.width = vehicle.size.map(|[_, width]| width as f32);
         table.vehicles.push(known);
         for [time, x, y] in &vehicle.track {
             table.vehicle.push(index);
@@ -145,7 +146,7 @@ fn table(vehicles: &[VehicleRequest]) -> TrackTable {
 }
 
 /// What tracks are refused for, with the vehicle and its row where one is at fault.
-fn problem(vehicles: &[VehicleRequest], error: &DataError) -> Problem {
+fn problem(vehicles: &[Object<VehicleRequest>], error: &DataError) -> Problem {
     let kind = ProblemKind::InvalidTracks;
     let DataError::Tracks { problem, row, what, remedy, .. } = error else {
         return Problem::at(kind, "scene.vehicles", error.to_string());

@@ -7,7 +7,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use gnp::{Machine, Model, RecordingsRequest, Stop};
-use gnp_data::{Predictor as _, Recording};
+use gnp_data::Recording;
 use gnp_server::{Server, ServerConfig, ServerError};
 use serde_json::Value;
 

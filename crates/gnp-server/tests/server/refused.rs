@@ -21,7 +21,7 @@ fn scene(change: impl FnOnce(&mut Value)) -> Value {
 
 /// A moment of the recording, with one change of it.
 fn changed(change: Value) -> Value {
-    json!({"scene": {"recording": RECORDING, "time_s": 5}, "changes": [{"kind": "remove", "vehicle": "515"}, change]})
+    json!({"scene": {"recording": RECORDING, "time_s": 5}, "changes": [{"kind": "remove", "vehicle": "518"}, change]})
 }
 
 /// A moment of the recording, with other fields.
@@ -47,6 +47,8 @@ fn a_request_that_cannot_be_answered_says_which_field_is_wrong() {
     let cases: Vec<(Value, u16, &str, &str)> = vec![
         (json!([1]), 422, "invalid-request", "body"),
         (json!({}), 422, "invalid-request", "body"),
+        (json!([{"recording": RECORDING, "time_s": 5}]), 422, "invalid-request", "body"),
+        (json!({"scene": [RECORDING, 0, 5, null, null, null]}), 422, "invalid-request", "scene"),
         (with(json!({"colour": 1})), 422, "invalid-request", "colour"),
         (with(json!({"k": -1})), 422, "invalid-request", "k"),
         (with(json!({"k": 0})), 422, "invalid-request", "k"),
@@ -66,7 +68,7 @@ fn a_request_that_cannot_be_answered_says_which_field_is_wrong() {
         (changed(json!({"kind": "remove"})), 422, "invalid-request", "changes[1].vehicle"),
         (changed(json!({"kind": "remove", "vehicle": 542})), 422, "invalid-request", "changes[1].vehicle"),
         (changed(json!({"kind": "remove", "vehicle": "542", "by": [1, 1]})), 422, "invalid-request", "changes[1].by"),
-        (changed(json!({"kind": "remove", "vehicle": "515"})), 422, "unknown-vehicle", "changes[1].vehicle"),
+        (changed(json!({"kind": "remove", "vehicle": "518"})), 422, "unknown-vehicle", "changes[1].vehicle"),
         (changed(json!({"kind": "remove", "vehicle": "999999"})), 422, "unknown-vehicle", "changes[1].vehicle"),
         (changed(json!({"kind": "move", "vehicle": "542", "by": [1e300, 0]})), 422, "invalid-change", "changes[1].by"),
         (changed(json!({"kind": "move", "vehicle": "542", "by": [1]})), 422, "invalid-request", "changes[1].by"),
@@ -197,7 +199,7 @@ fn bodies_that_are_no_json_are_refused() {
     let server = Running::shared();
     let post =
         |kind: &str, body: &str| server.request("POST", "/v1/predict", &[&format!("Content-Type: {kind}")], body);
-    for body in ["", "{", "scene=1", "{\"k\": NaN}", "{\"k\": 1e999}", "{} {}", "\u{feff}{}"] {
+    for body in ["", "{", "scene=1", "{\"k\": NaN}", "{\"k\": 1e999}", "{\"scene\": {}} {}", "\u{feff}{}"] {
         let answer = post("application/json", body);
         assert_eq!((answer.status, answer.problem().as_str()), (400, "not-json"), "{body}: {answer:?}");
     }

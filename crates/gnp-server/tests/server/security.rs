@@ -133,6 +133,8 @@ fn no_path_leads_to_a_file() {
         "/page/index.html%00.js",
         "/page/",
         "/page/lib.rs",
+        "/page/%ff",
+        "/v1/recordings/%ff/tracks",
         "/../Cargo.toml",
         "/%2e%2e/Cargo.toml",
         "/etc/passwd",

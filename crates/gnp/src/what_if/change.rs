@@ -109,7 +109,7 @@ pub enum ChangeProblem {
     },
     /// The model has no such term of the force.
     #[error(transparent)]
-    Term(ModelError),
+    Term(Box<ModelError>),
 }
 
 /// The part of a change that a [`ChangeProblem`] is about.

@@ -214,7 +214,8 @@ impl ScenePredictor {
         self.gnp.without_terms(&terms).map_err(|error| {
             let unknown = if let ModelError::UnknownTerm { name, .. } = &error { Some(name) } else { None };
             let of = moment.without_terms().iter().find(|(_, term)| unknown.is_none_or(|name| name == term));
-            ChangeError { index: of.map_or(0, |(index, _)| *index), problem: ChangeProblem::Term(error) }
+            let index = of.map_or(0, |(index, _)| *index);
+            ChangeError { index, problem: ChangeProblem::Term(Box::new(error)) }
         })
     }
 }
