@@ -85,8 +85,12 @@ pub(crate) fn run(root: &Path, arguments: &BrowserArgs, terminal: &Terminal) -> 
     }
     checked(&mut tests)?;
     if arguments.full {
+        // It leaves a folder where it runs.
+        let folder = tempfile::tempdir().context("cannot make a folder for schemathesis")?;
         let description = format!("{}/openapi.json", server.url());
-        checked(tools.command(&server)?.args(["-m", "schemathesis.cli", "run", &description]).args(CONTRACT))?;
+        let mut contract = tools.command(&server)?;
+        contract.args(["-m", "schemathesis.cli", "run", &description]).args(CONTRACT).current_dir(folder.path());
+        checked(&mut contract)?;
     }
     server.stop()?;
     Ok(())

@@ -163,7 +163,7 @@ export class Scene {
   }
   // Where each future ends: a dot whose area is its probability.
   ends(forecast, look) {
-    const { road } = this, { pen } = road, first = forecast.paths[0].at(-1), taken = [{ left: road.px(first[0]) - 14, top: road.py(first[1]) - 8, w: 28 }], last = forecast.modes.length - 1;
+    const { road } = this, { pen } = road, first = forecast.paths[0].at(-1), taken = [], last = forecast.modes.length - 1;
     for (let i = last; i >= 0; i -= 1) {
       const [x, y] = forecast.paths[i].at(-1);
       pen.beginPath(); pen.arc(road.px(x), road.py(y), 10 * Math.sqrt(forecast.modes[i].probability), 0, 2 * Math.PI);
@@ -172,7 +172,7 @@ export class Scene {
     forecast.modes.forEach(({ probability }, i) => {
       const end = forecast.paths[i].at(-1), [x, y] = [road.px(end[0]), road.py(end[1])];
       const apart = i === 0 || APART_M.some((m, axis) => Math.abs(end[axis] - first[axis]) > m);
-      if (apart && x > 0 && x < road.width - 20) this.text(`${(100 * probability).toFixed(0)} %`, x + (end[0] < first[0] ? -30 : 38), y, look, taken, { bold: i === 0, above: false });
+      if (apart && x > 0 && x < road.width) this.text(`${(100 * probability).toFixed(0)} %`, x, y - GOAL_PX - 11, look, taken, { bold: i === 0, above: false });
     });
   }
   arrows(at, forces, i, look) {

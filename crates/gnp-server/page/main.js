@@ -121,7 +121,7 @@ const page = {
   },
   setSpeed: (mps) => {
     const v = everyone().get(state.hand), [least, most] = changesOf.SPEEDS;
-    if (v && !v.removed) state.change(changesOf.setSpeed(state.changes, v.id, Math.min(Math.max(mps, least), most)), `speed ${v.id}`);
+    if (v && !v.removed) state.change(changesOf.setSpeed(state.changes, v.id, Math.round(10 * Math.min(Math.max(mps, least), most)) / 10), `speed ${v.id}`);
   },
   drawGoalTo: (place, gesture) => {
     const v = everyone().get(state.watched);

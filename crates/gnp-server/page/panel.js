@@ -52,7 +52,7 @@ export const panel = (page) => {
     const v = everyone.get(state.watched), f = forecasts.get(state.watched);
     say("watched", v ? `Vehicle ${v.id}` : state.watched === null ? "Nobody is watched" : `Vehicle ${state.watched} is not there`);
     const facts = [];
-    if (v) facts.push(v.class, v.removed ? "removed" : `${(f && !state.playing ? Math.hypot(...f.velocity) : v.speed).toFixed(1)} m/s`);
+    if (v) facts.push(v.class, v.removed ? "removed" : `${v.speed.toFixed(1)} m/s`);
     if (f) {
       facts.push(f.leader ? `behind ${f.leader}` : "nobody ahead");
       if (f.past === "filled") facts.push(`seen for only ${seconds(f.observed_s)}`);

@@ -8,6 +8,13 @@ const BEFORE_S = 4; // of a span, so that pasts are whole
 const AFTER_S = 1;
 const AHEAD_S = 15; // before its end the next span is fetched
 const MOST_SPANS = 6;
+const SPEED_S = 0.5;
+
+// Over the last half second: places are rounded, and recorded ones jump.
+const speedOf = (track, frame, rate) => {
+  const i = Math.min(Math.floor(frame - track.first), track.x.length - 1), back = Math.min(i, Math.round(SPEED_S * rate));
+  return back > 0 ? ((track.x[i] - track.x[i - back]) / back) * rate : track.x.length > 1 ? (track.x[1] - track.x[0]) * rate : 0;
+};
 
 export class Tracks {
   #spans = new Map();
@@ -62,7 +69,7 @@ export class Tracks {
     for (const [id, parts] of span.vehicles) {
       for (const track of parts) {
         const at = gnpScene.at(track, frame);
-        if (at) there.set(id, { id, class: track.class, size: track.size, at, speed: track.x.length > 1 ? gnpScene.speed(track, frame, this.rate) : 0, track, frame });
+        if (at) there.set(id, { id, class: track.class, size: track.size, at, speed: speedOf(track, frame, this.rate), track, frame });
       }
     }
     return there;
