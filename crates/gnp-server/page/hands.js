@@ -32,10 +32,9 @@ export const hands = (page) => {
     page.pause();
     if (target?.id !== undefined) {
       const v = page.everyone().get(target.id);
-      if (!v) { drag = null; return; }
+      if (!v || v.removed) { drag = null; return; }
       // What is dragged while its forecasts are driven is dragged from where it was at the moment.
       drag.from = v.start;
-      drag.speed = v.speed;
       takeInHand(target.id);
     } else if (target?.goal) {
       drag.from = page.goal();
@@ -59,9 +58,12 @@ export const hands = (page) => {
       page.draw();
       return;
     }
+    // It can go meanwhile, by another finger on a button, or with the whole scene.
+    const v = target.goal ? null : page.everyone().get(target.id), recorded = page.recorded(target.id);
+    if (!target.goal && (!v || v.removed || (!v.added && !recorded))) { stop(); return; }
     const by = moved(event), place = drag.from.map((value, i) => value + by[i]);
     if (target.goal) page.drawGoalTo(place, DRAG);
-    else state.change(changesOf.move(state.changes, target.id, place, page.recorded(target.id)), DRAG);
+    else state.change(changesOf.move(state.changes, target.id, place, recorded), DRAG);
   };
   const click = (event, target) => {
     if (state.adding) page.addAt(scene.road.place(scene.road.pointer(event)));
@@ -70,16 +72,20 @@ export const hands = (page) => {
     else if (target) { page.watch(target.id, false); }
     else state.set({ hand: state.watched, goalInHand: false });
   };
-  const end = (event, cancelled) => {
-    pointers.delete(event.pointerId);
+  // The one end of every drag; of a `cancelled` one, all is as it was before.
+  const stop = (cancelled = false) => {
     clearTimeout(press);
-    if (pinch) { if (pointers.size < 2) pinch = null; drag = null; return; }
-    if (!drag || drag.pointer !== event.pointerId) return;
-    const { moving, target, done } = drag;
-    if (moving) canvas.classList.remove("dragging");
-    if (cancelled && moving && target) state.cancelDrag();
+    canvas.classList.remove("dragging");
+    if (cancelled && drag?.moving && drag.target) state.cancelDrag();
     state.endGesture();
     drag = null;
+  };
+  const end = (event, cancelled) => {
+    pointers.delete(event.pointerId);
+    if (pinch) { if (pointers.size < 2) pinch = null; stop(); return; }
+    if (!drag || drag.pointer !== event.pointerId) return;
+    const { moving, target, done } = drag;
+    stop(cancelled);
     if (!moving && !cancelled && !done) click(event, target);
   };
 
@@ -89,9 +95,7 @@ export const hands = (page) => {
     pointers.set(event.pointerId, event);
     if (pointers.size === 2) {
       // A second finger: what the first one dragged stays where it was.
-      if (drag?.moving && drag.target) state.cancelDrag();
-      clearTimeout(press);
-      drag = null;
+      stop(true);
       pinch = { ...spread() };
       return;
     }
@@ -144,10 +148,10 @@ export const hands = (page) => {
     // Lets go of what is dragged, which is back where it was; whether anything was.
     letGo: () => {
       if (!drag?.moving) return false;
-      if (drag.target) state.cancelDrag();
-      canvas.classList.remove("dragging");
-      drag = null;
+      stop(true);
       return true;
     },
+    // Whether a vehicle or a goal is being dragged.
+    dragging: () => Boolean(drag?.moving && drag.target),
   };
 };

@@ -5,8 +5,8 @@ import { laneAt } from "./traffic.js";
 const FAR_M = 10;
 const ACROSS_M = 0.5;
 
-// `page` as in hands.js.
-export const keys = (page, letGo) => {
+// `page` as in hands.js, which gives the other two.
+export const keys = (page, { letGo, dragging }) => {
   const { state } = page;
   // Steps of the vehicle in hand, or of the goal, while a moment is held.
   const push = ([along, left], far) => {
@@ -71,6 +71,8 @@ export const keys = (page, letGo) => {
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
     if (document.querySelector("dialog[open]")) return;
+    // A drag is one step: what happens within it only ends it.
+    if (dragging() && key !== "Escape") { event.preventDefault(); return; }
     if ((event.ctrlKey || event.metaKey) && !event.altKey) {
       const name = key.toLowerCase();
       if (name !== "z" && name !== "y") return;

@@ -1,8 +1,10 @@
 // The scene as the part of an address after `#`, and back. Readable:
 // `#recording=us101-1&road=0&t=12.4&watch=7&x=120&span=180&move=9,-10,0&remove=12&off=neighbours`.
 
-const NUMBER = /^[+-]?\d{1,7}(\.\d{1,6})?$/;
-const MOST_CHANGES = 100;
+// Times may be since 1970.
+const NUMBER = /^[+-]?\d{1,15}(\.\d{1,6})?$/;
+const MOST_CHANGES = 500; // which the server takes
+const MOST_LETTERS = 1000; // of one value
 const CLASSES = ["car", "truck", "motorcycle"];
 
 // How each kind of change is written: its key, its numbers and, of a name at the end, what it may be.
@@ -50,7 +52,7 @@ export const read = (hash) => {
   if (hash.length < 2) return null;
   const found = { changes: [] }, view = {};
   for (const [key, value] of new URLSearchParams(hash.slice(1))) {
-    if (value.length > 200) throw new Error(`${key} is too long`);
+    if (value.length > MOST_LETTERS) throw new Error(`${key} is too long`);
     if (key === "recording") found.recording = value;
     else if (key === "road") found.road = numberOf(key, value);
     else if (key === "t") found.time = numberOf(key, value);

@@ -90,6 +90,7 @@ const page = {
   },
   play: () => {
     if (state.playing) { page.pause(); return; }
+    saveLink.now();
     const [from, to] = page.span();
     if (state.held) state.set({ playing: true, goalInHand: false, ahead: state.ahead >= to ? 0 : state.ahead });
     else state.set({ playing: true, time: state.time >= to ? from : state.time });
@@ -125,7 +126,7 @@ const page = {
   },
   drawGoalTo: (place, gesture) => {
     const v = everyone().get(state.watched);
-    if (v) state.change(changesOf.setGoal(state.changes, v.id, place.map((value, i) => value - v.start[i])), gesture, { goalInHand: true });
+    if (v && !v.removed) state.change(changesOf.setGoal(state.changes, v.id, place.map((value, i) => value - v.start[i])), gesture, { goalInHand: true });
   },
   remove: () => {
     const v = everyone().get(state.hand);
@@ -221,6 +222,12 @@ const update = () => {
 };
 state.listen(update);
 
+// Before another scene: the browser's Back returns to this one with its changes.
+const leave = () => {
+  page.pause();
+  saveLink.now();
+  history.pushState(null, "", location.href);
+};
 // A recording and its carriageway, at a time.
 const open = (name, road, values = {}) => {
   const recording = recordingOf(name), index = road ?? recording.roads[0]?.index ?? 0;
@@ -271,8 +278,7 @@ const openLink = () => {
 };
 
 const side = panel(page);
-const { letGo } = hands(page);
-keyRows(keys(page, letGo));
+keyRows(keys(page, hands(page)));
 const onClick = (id, action) => byId(id).addEventListener("click", action);
 for (const [id, action] of Object.entries({
   play: page.play, back: () => page.step(-1), forward: () => page.step(1), hold: () => (state.held ? state.release() : state.hold()),
@@ -284,8 +290,8 @@ for (const [id, action] of Object.entries({
 for (const button of byId("layers").children) button.addEventListener("click", () => state.set({ shown: { ...state.shown, [button.dataset.shown]: !state.shown[button.dataset.shown] } }));
 byId("time").addEventListener("input", (event) => page.goTo(Number(event.target.value)));
 byId("speed").addEventListener("input", (event) => page.setSpeed(Number(event.target.value)));
-byId("recording").addEventListener("change", (event) => open(event.target.value));
-byId("carriageway").addEventListener("change", (event) => open(state.recording, Number(event.target.value)));
+byId("recording").addEventListener("change", (event) => { leave(); open(event.target.value); });
+byId("carriageway").addEventListener("change", (event) => { leave(); open(state.recording, Number(event.target.value)); });
 addEventListener("hashchange", openLink);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", page.draw);
 new ResizeObserver(() => { scene.fitHeight(); page.draw(); }).observe(byId("frame"));
@@ -293,13 +299,8 @@ new ResizeObserver(() => { scene.fitHeight(); page.draw(); }).observe(byId("fram
 // For tests and the console: where a vehicle is, px of the window; its drawn path, m; the changes.
 window.gnp = {
   where: (id) => { const v = everyone().get(String(id)), area = scene.road.canvas.getBoundingClientRect(); return v ? [area.left + scene.road.px(v.at[0]), area.top + scene.road.py(v.at[1])] : null; },
-  goal: () => { const at = page.goal(), area = scene.road.canvas.getBoundingClientRect(); return at && [area.left + scene.road.px(at[0]), area.top + scene.road.py(at[1])]; },
   forecast: (id) => fitting(last, state).forecasts.get(String(id))?.paths[0] ?? null,
   changes: () => structuredClone(state.changes),
-  leader: (id) => fitting(last, state).forecasts.get(String(id))?.leader ?? null,
-  watched: () => state.watched,
-  inHand: () => state.hand,
-  time: () => ({ time: state.time, held: state.held, ahead: state.ahead }),
   perMetre: () => [scene.road.sx, scene.road.sy],
   // When the answer to what is shown now is drawn.
   settled: async () => { while (newest.busy || scheduled || !answered || asked !== JSON.stringify(questionNow())) await api.wait(20); },

@@ -1,7 +1,7 @@
 // The one owner of what is shown: recording, moment, changes, who is watched and who is in hand; and of what was before.
 
 // What undo brings back.
-const KEPT = ["recording", "road", "time", "held", "changes", "watched", "hand"];
+const KEPT = ["time", "held", "changes", "watched", "hand"];
 const LONGEST_MEMORY = 200;
 // Steps of one gesture that follow each other faster are one to undo, ms; a drag may rest.
 const SAME_GESTURE_MS = 1200;
@@ -27,7 +27,7 @@ export class State {
   snap = (time) => time;
   #past = [];
   #future = [];
-  #gesture = { name: null, at: 0 };
+  #gesture = { name: null, at: 0, future: [] };
   #listeners = [];
 
   listen(listener) { this.#listeners.push(listener); }
@@ -42,23 +42,26 @@ export class State {
   // What can be undone. Those of one gesture, such as all of a drag, are one.
   act(values, gesture = null) {
     const now = performance.now(), { name, at } = this.#gesture;
+    let { future } = this.#gesture;
     if (!gesture || gesture !== name || (gesture !== DRAG && now - at > SAME_GESTURE_MS)) {
+      future = this.#future;
       this.#past.push(this.#keep());
       if (this.#past.length > LONGEST_MEMORY) this.#past.shift();
     }
     this.#future = [];
-    this.#gesture = { name: gesture, at: now };
+    this.#gesture = { name: gesture, at: now, future };
     this.set(values);
   }
   // A change holds the moment and shows it, whatever was played of it.
   change(changes, gesture = null, others = {}) {
     this.act({ ...others, changes, held: true, time: this.snap(this.time), ahead: 0, playing: false }, gesture);
   }
-  endGesture() { this.#gesture = { name: null, at: 0 }; }
+  endGesture() { this.#gesture = { name: null, at: 0, future: [] }; }
   // As if the drag that is still going on had not been.
   cancelDrag() {
     if (this.#gesture.name !== DRAG || !this.#past.length) return;
     const before = this.#past.pop();
+    this.#future = this.#gesture.future;
     this.endGesture();
     this.set({ ...before, ahead: 0 });
   }
