@@ -7,15 +7,13 @@ const EVERY_S = 0.2; // between the points of paths
 // An answer that is about another moment is shown for as long as this, s.
 const NEAR_S = 0.75;
 
-// Of a crowd only so many are predicted: those around the watched one.
-const MOST_ASKED = 150;
-
-// Why he goes where is not asked of who is not there; `x` is where one looks.
-export const questionOf = (state, time, everyone, x) => {
+// Why he goes where is not asked of who is not there. Of more than `most` vehicles those around the watched one are predicted,
+// or around `x`, where one looks.
+export const questionOf = (state, time, everyone, x, most) => {
   const watched = everyone.get(state.watched), middle = watched?.start[0] ?? x;
   const question = { recording: state.recording, road: state.road, time, changes: state.changes, watched: watched ? state.watched : null };
   const there = [...everyone.values()].filter((v) => !v.removed), far = (v) => Math.abs(v.start[0] - middle);
-  return there.length <= MOST_ASKED ? question : { ...question, vehicles: there.sort((a, b) => far(a) - far(b)).slice(0, MOST_ASKED).map((v) => v.id) };
+  return there.length <= most ? question : { ...question, vehicles: there.sort((a, b) => far(a) - far(b)).slice(0, most).map((v) => v.id) };
 };
 
 const pathOf = (at, mode) => [at, ...mode.path];
@@ -49,7 +47,16 @@ export const answer = async (question, signal) => {
   return { forecasts, explained, leftOut: new Map(found.left_out.map(({ id, reason }) => [id, reason])) };
 };
 
-const NONE = { forecasts: new Map(), leftOut: new Map(), explained: null, behind: 0, question: null };
+// How fast everyone is without a change of speed, m/s, by name: as the answer `found` says, and of who has one now as the
+// answers before said of the same moment.
+export const speedsOf = (found, question, last) => {
+  const same = last && ["recording", "road", "time"].every((name) => last.question[name] === question[name]), speeds = new Map(same ? last.speeds : []);
+  const given = (id) => changesOf.find(question.changes, "speed", id) || changesOf.find(question.changes, "add", id);
+  for (const [id, { velocity }] of found.forecasts) if (!given(id)) speeds.set(id, Math.hypot(...velocity));
+  return speeds;
+};
+
+const NONE = { forecasts: new Map(), speeds: new Map(), leftOut: new Map(), explained: null, behind: 0, question: null };
 // What of the last answer fits what is shown: while the next one is on its way the last one is better than none.
 export const fitting = (last, state) => {
   const { question } = last ?? {};

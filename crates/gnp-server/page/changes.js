@@ -3,6 +3,7 @@
 
 export const CAR = [4.5, 1.8]; // m, of a vehicle that is added
 export const SPEEDS = [0, 60]; // m/s, of the slider
+const SAME_MPS = 0.1;
 const CM = 100;
 const round = (v) => Math.round(v * CM) / CM;
 const of = (kind, vehicle) => (c) => c.kind === kind && c.vehicle === vehicle;
@@ -31,18 +32,17 @@ export const move = (changes, vehicle, place, recorded) => {
   const by = place.map((v, i) => round(v - recorded[i]));
   return by.every((v) => v === 0) ? drop(changes, "move", vehicle) : put(changes, { kind: "move", vehicle, by });
 };
-export const setSpeed = (changes, vehicle, mps) => {
+// A speed that is the one `before` any change is none.
+export const setSpeed = (changes, vehicle, mps, before) => {
   const added = find(changes, "add", vehicle);
+  if (!added && Math.abs(mps - before) < SAME_MPS) return drop(changes, "speed", vehicle);
   return put(changes, added ? { ...added, mps: round(mps) } : { kind: "speed", vehicle, mps: round(mps) });
 };
 // Forward and left of where the vehicle is.
 export const setGoal = (changes, vehicle, at) => put(changes, { kind: "goal", vehicle, at: at.map(round) });
 export const switchTerm = (changes, term) => (isOff(changes, term) ? changes.filter((c) => c.term !== term) : [...changes, { kind: "without_term", term }]);
-export const without = (changes, index) => {
-  const gone = changes[index];
-  // What was done to an added vehicle goes with it.
-  return gone.kind === "add" ? changes.filter((c) => c.vehicle !== gone.vehicle) : changes.toSpliced(index, 1);
-};
+// What was done to an added vehicle goes with it.
+export const without = (changes, gone) => changes.filter((c) => c.vehicle !== gone.vehicle || c.term !== gone.term || (gone.kind !== "add" && c.kind !== gone.kind));
 
 const metres = (v, digits = 1) => `${Math.abs(v).toFixed(digits)} m`;
 const ways = ([along, left]) => {

@@ -1,12 +1,12 @@
 // The page: a recording one can take hold of, with live forecasts. Here its parts meet.
 import * as api from "./api.js";
-import { answer, fitting, questionOf, worthWatching } from "./answers.js";
+import { answer, fitting, questionOf, speedsOf, worthWatching } from "./answers.js";
 import * as changesOf from "./changes.js";
 import { OBSERVED_S, Scene, relation } from "./draw.js";
 import { hands } from "./hands.js";
 import { keys } from "./keys.js";
 import * as link from "./link.js";
-import { byId, keyRows, options, panel, termBoxes } from "./panel.js";
+import { NOTHING_SAID, byId, keyRows, news, options, panel, termBoxes } from "./panel.js";
 import { State } from "./state.js";
 import { Tracks, changedTraffic, laneAt } from "./traffic.js";
 
@@ -15,11 +15,12 @@ const SAID_MS = 6000;
 const READ_MS = 15000;
 const LINK_MS = 150;
 const LIVE_MS = 500;
+const SINCE_1970_S = 1e6; // times from here on are shown since the start of the recording
 const AHEAD_M = 25; // of the watched vehicle, or half the way to his leader: where a vehicle is added by keyboard
 const root = document.documentElement;
 
 const state = new State(), scene = new Scene(byId("road"));
-let recordings = [], terms = [], horizon = 5, last = null, asked = "", toCheck = null, lookAround = false, wrong = -1, hovered = null, scheduled = 0, answered = 0;
+let recordings = [], terms = [], horizon = 5, mostAsked = Infinity, last = null, asked = "", toCheck = null, lookAround = false, wrong = -1, hovered = null, scheduled = 0, answered = 0;
 
 // Sentences for the reader go after a while; what is wrong with the server stays until it answers.
 let saying = 0, trouble = false;
@@ -34,12 +35,13 @@ const onProblem = (problem) => {
   wrong = problem.change ?? -1;
   say(problem.status === 0 ? "The server does not answer; trying again." : `${problem.message}${/[.!?]$/.test(problem.message) ? "" : "."}`, { bad: true, ms: 0 });
   trouble = true;
+  if (problem.status === 404) lookAgain();
   update();
 };
 
 const newest = new api.Newest(answer, {
   onAnswer: (question, found, ms) => {
-    last = { ...found, question };
+    last = { ...found, question, speeds: speedsOf(found, question, last) };
     wrong = -1;
     if (trouble) say("");
     byId("latency").textContent = `answered in ${ms.toFixed(0)} ms`;
@@ -52,9 +54,10 @@ const newest = new api.Newest(answer, {
 const tracks = new Tracks(api.tracks, { onLoaded: () => { settleTime(); check(); update(); }, onProblem: (problem) => { onProblem(problem); if (problem.passes) api.wait(1000).then(update); } });
 state.snap = (time) => (tracks.recording ? tracks.snap(time) : time);
 
+const zeroOf = (recording) => (recording?.from_s > SINCE_1970_S ? recording.from_s : 0);
 const recordingOf = (name) => recordings.find((r) => r.name === name);
 const recorded = () => tracks.at(state.time) ?? new Map();
-const everyone = () => changedTraffic(recorded(), state.changes, fitting(last, state).forecasts, state.held ? state.ahead : 0);
+const everyone = () => changedTraffic(recorded(), state.changes, fitting(last, state), state.held ? state.ahead : 0);
 
 const page = {
   state, scene,
@@ -65,6 +68,7 @@ const page = {
   span: () => { const r = recordingOf(state.recording); return state.held ? [0, horizon] : r ? [r.from_s, r.to_s] : [0, 1]; },
   labelOf: (term) => terms.find((t) => t.name === term)?.label ?? term,
   wrongChange: () => wrong,
+  shownTime: (time) => time - zeroOf(recordingOf(state.recording)),
   recorded: (id) => recorded().get(id)?.at ?? null,
   // Where the watched vehicle is drawn to; none while time goes on.
   goal: () => {
@@ -122,7 +126,7 @@ const page = {
   },
   setSpeed: (mps) => {
     const v = everyone().get(state.hand), [least, most] = changesOf.SPEEDS;
-    if (v && !v.removed) state.change(changesOf.setSpeed(state.changes, v.id, Math.round(10 * Math.min(Math.max(mps, least), most)) / 10), `speed ${v.id}`);
+    if (v && !v.removed) state.change(changesOf.setSpeed(state.changes, v.id, Math.round(10 * Math.min(Math.max(mps, least), most)) / 10, v.before), `speed ${v.id}`);
   },
   drawGoalTo: (place, gesture) => {
     const v = everyone().get(state.watched);
@@ -178,7 +182,7 @@ const clock = new gnpScene.Clock((passed) => {
 });
 
 // One answer for each thing that can be asked.
-const questionNow = () => questionOf(state, state.snap(state.time), everyone(), scene.road.centre);
+const questionNow = () => questionOf(state, state.snap(state.time), everyone(), scene.road.centre, mostAsked);
 const ask = () => {
   if (!state.recording || !tracks.at(state.time) || toCheck || lookAround) return;
   const question = questionNow(), key = JSON.stringify(question);
@@ -191,7 +195,7 @@ let saving = 0;
 const saveLink = () => { clearTimeout(saving); saving = setTimeout(saveLink.now, LINK_MS); };
 saveLink.now = () => { if (state.recording && !toCheck && !state.playing) history.replaceState(null, "", link.write(state, scene.view)); };
 
-let living = 0, told = "";
+let living = 0, told = NOTHING_SAID, toTell = "";
 const render = () => {
   scheduled = 0;
   if (!state.recording) return;
@@ -204,14 +208,19 @@ const render = () => {
     past: watched && v && !v.removed && !state.ahead && !changesOf.find(state.changes, "speed", v.id) ? tracks.past(watched, OBSERVED_S).map(([x, y]) => [x + v.start[0] - v.recorded[0], y + v.start[1] - v.recorded[1]]) : [],
   };
   scene.draw(model);
-  const sentence = side.render(model);
+  const now = side.render(model);
   root.dataset.answered = answered;
   if (last && (state.watched !== null || !last.forecasts.size) && (last.question.watched === state.watched || !all.has(state.watched))) root.dataset.ready = "1";
   // Read aloud is what has come to rest.
-  if (sentence !== told && !state.playing) {
-    told = sentence;
+  const key = JSON.stringify(now);
+  if (key !== toTell && !state.playing) {
+    toTell = key;
     clearTimeout(living);
-    living = setTimeout(() => { byId("live").textContent = told; }, LIVE_MS);
+    living = setTimeout(() => {
+      const said = news(told, now);
+      if (said) byId("live").textContent = said;
+      told = now;
+    }, LIVE_MS);
   }
 };
 const update = () => {
@@ -269,9 +278,7 @@ const openLink = () => {
     problem = error.message;
   }
   if (problem) say(`The link cannot be followed: ${problem}. Another scene is shown.`, { bad: true, ms: READ_MS });
-  // Without a link: where most is going on.
-  const busy = (r) => r.vehicles / Math.max(r.to_s - r.from_s, 1);
-  if (!found || problem) { open(recordings.reduce((a, b) => (busy(b) > busy(a) ? b : a)).name); return; }
+  if (!found || problem) { openBusiest(); return; }
   toCheck = found;
   open(found.recording, found.road, found.time === undefined ? {} : { time: found.time });
   check();
@@ -306,14 +313,48 @@ window.gnp = {
   settled: async () => { while (newest.busy || scheduled || !answered || asked !== JSON.stringify(questionNow())) await api.wait(20); },
 };
 
+// A name that has the site in it says enough.
+const plain = (text) => text.toLowerCase().replace(/[^a-z0-9]/g, "");
+const list = (listed) => {
+  recordings = listed;
+  options(byId("recording"), recordings.map((r) => [r.name, plain(r.name).includes(plain(r.site)) ? r.name : `${r.name}, ${r.site}`]));
+  if (!recordings.length) say("The server has no recordings.", { bad: true, ms: 0 });
+  return recordings.length > 0;
+};
+// Where most is going on.
+const openBusiest = () => {
+  const busy = (r) => r.vehicles / Math.max(r.to_s - r.from_s, 1);
+  open(recordings.reduce((a, b) => (busy(b) > busy(a) ? b : a)).name);
+};
+// A server that was started anew may have other recordings.
+let looking = false;
+const lookAgain = async () => {
+  if (looking) return;
+  looking = true;
+  try {
+    const listed = (await api.recordings()).recordings, gone = state.recording;
+    if (listed.some((r) => r.name === gone)) return;
+    leave();
+    if (!list(listed)) return;
+    openBusiest();
+    say(`Recording ${gone} is not served any more. Another scene is shown.`, { bad: true, ms: READ_MS });
+  } catch (problem) {
+    if (!(problem instanceof api.Problem)) throw problem; // a server that goes again is missed by the next question
+  } finally {
+    looking = false;
+  }
+};
+
 const start = async () => {
+  let served = [];
   for (let failures = 0; ; failures += 1) {
     try {
       const [card, listed] = await Promise.all([api.model(), api.recordings()]);
       ({ terms } = card);
       horizon = card.predicted_s ?? 5;
+      mostAsked = card.max_vehicles ?? Infinity;
       byId("model").textContent = card.name ? `model ${card.name}` : "";
-      ({ recordings } = listed);
+      served = listed.recordings;
       break;
     } catch (problem) {
       onProblem(problem);
@@ -323,9 +364,6 @@ const start = async () => {
   }
   say("");
   termBoxes(terms, (name) => state.change(changesOf.switchTerm(state.changes, name)));
-  // A name that has the site in it says enough.
-  const plain = (text) => text.toLowerCase().replace(/[^a-z0-9]/g, "");
-  options(byId("recording"), recordings.map((r) => [r.name, plain(r.name).includes(plain(r.site)) ? r.name : `${r.name}, ${r.site}`]));
-  if (recordings.length) openLink(); else say("The server has no recordings.", { bad: true, ms: 0 });
+  if (list(served)) openLink();
 };
 start();

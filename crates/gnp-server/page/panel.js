@@ -20,8 +20,8 @@ const show = (id, shown) => { byId(id).hidden = !shown; };
 const seconds = (v) => `${v.toFixed(1)} s`;
 
 // The parts of a side of an explanation at its end, m: the largest first, small ones together.
-const causesOf = (side) => {
-  const rows = side.parts.map(({ cause, displacement }) => ({ name: cause, by: displacement.at(-1) }));
+const causesOf = (side, nameOf) => {
+  const rows = side.parts.map((part) => ({ name: nameOf(part), by: part.displacement.at(-1) }));
   const start = side.constant_velocity?.at(-1) ?? [0, 0];
   if (side.isChange && Math.hypot(...start) > NOTHING_M) rows.push({ name: "constant velocity", by: start });
   rows.sort((a, b) => Math.hypot(...b.by) - Math.hypot(...a.by));
@@ -31,8 +31,8 @@ const causesOf = (side) => {
   return large;
 };
 
-const causeTable = (side, after) => {
-  const rows = causesOf(side), sum = side.isChange ? side.path.at(-1) : side.sum.at(-1), most = Math.max(...rows.map(({ by }) => Math.abs(by[0])), 1);
+const causeTable = (side, after, nameOf) => {
+  const rows = causesOf(side, nameOf), sum = side.isChange ? side.path.at(-1) : side.sum.at(-1), most = Math.max(...rows.map(({ by }) => Math.abs(by[0])), 1);
   byId("causes").caption.textContent = side.isChange ? `What the changes do to the path in ${after}, m` : `What moves it in ${after} away from constant velocity, m`;
   const row = ({ name, by }, total = false) => {
     const line = element("tr", undefined, total ? { class: "total" } : {}), cell = element("td"), bar = element("div", undefined, { class: by[0] < 0 ? "bar back" : "bar on" });
@@ -44,9 +44,12 @@ const causeTable = (side, after) => {
 };
 
 // `model` is what draw.js gets, and `leftOut` by name, `explained`.
+// `render` gives what there is to read aloud.
 export const panel = (page) => {
   const { state } = page;
   let listed = "";
+  // As the term is called elsewhere; the free road of the causes is what the driver does without others: two terms.
+  const nameOf = ({ cause, kind }) => (kind === "term" ? page.labelOf(cause) : kind === "free_road" ? "free road and habit" : cause);
 
   const why = ({ everyone, forecasts, leftOut, explained }) => {
     const v = everyone.get(state.watched), f = forecasts.get(state.watched);
@@ -65,7 +68,7 @@ export const panel = (page) => {
       : explained?.problem ?? side?.sentence ?? (v.added && f ? "It was added: there is no forecast from before to compare with." : "");
     say("sentence", told);
     show("causes", Boolean(side) && Boolean(v) && !left);
-    if (side && v) causeTable(side, seconds(side.parts[0] ? side.parts[0].displacement.length * side.dt : page.horizon()));
+    if (side && v) causeTable(side, seconds(side.parts[0] ? side.parts[0].displacement.length * side.dt : page.horizon()), nameOf);
     return told;
   };
 
@@ -92,18 +95,25 @@ export const panel = (page) => {
   const changes = () => {
     // Not made anew without need: a button with the focus would lose it.
     const key = JSON.stringify([state.changes, page.wrongChange()]);
+    byId("undo").disabled = !state.canUndo;
     if (key !== listed) {
       listed = key;
+      const focused = [...byId("changes").querySelectorAll("button")].indexOf(document.activeElement);
       byId("changes").replaceChildren(...state.changes.map((c, i) => {
         const item = element("li", undefined, i === page.wrongChange() ? { class: "wrong" } : {}), said = changesOf.words(c, page.labelOf);
         const button = element("button", "✕", { "aria-label": `Take back: ${said}`, title: "Take back" });
-        button.addEventListener("click", () => state.change(changesOf.without(state.changes, i)));
+        // Clicked twice, it may be gone already.
+        button.addEventListener("click", () => {
+          const rest = changesOf.without(state.changes, c);
+          if (rest.length < state.changes.length) state.change(rest);
+        });
         item.append(element("span", said), button);
         return item;
       }));
+      // Whoever took one back by keyboard goes on from there.
+      if (focused >= 0) ([...byId("changes").querySelectorAll("button")].slice(0, focused + 1).at(-1) ?? byId(state.canUndo ? "undo" : "road")).focus();
     }
     show("unchanged", !state.changes.length);
-    byId("undo").disabled = !state.canUndo;
     byId("redo").disabled = !state.canRedo;
     byId("reset").disabled = !state.changes.length;
   };
@@ -125,17 +135,23 @@ export const panel = (page) => {
     const slider = byId("time"), [from, to] = page.span(), value = state.held ? state.ahead : state.time;
     if (Number(slider.min) !== from || Number(slider.max) !== to) [slider.min, slider.max, slider.step] = [from, to, state.held ? 0.1 : 0.02];
     slider.value = value;
-    slider.setAttribute("aria-valuetext", state.held ? `${seconds(value)} after the held moment` : seconds(value));
-    say("clock", state.held ? `+${seconds(state.ahead)}` : seconds(state.time));
+    slider.setAttribute("aria-valuetext", state.held ? `${seconds(value)} after the held moment` : seconds(page.shownTime(value)));
+    say("clock", state.held ? `+${seconds(state.ahead)}` : seconds(page.shownTime(state.time)));
     say("play", state.playing ? "Pause" : "Play");
     say("hold", state.held ? "Back to the recording" : "Take hold");
     show("moment", state.held);
     const count = state.changes.length;
-    say("moment", `held at ${seconds(state.time)}${count ? `, ${count} change${count > 1 ? "s" : ""}` : ""}${state.ahead ? `, driven on ${seconds(state.ahead)}` : ""}`);
+    say("moment", `held at ${seconds(page.shownTime(state.time))}${count ? `, ${count} change${count > 1 ? "s" : ""}` : ""}${state.ahead ? `, driven on ${seconds(state.ahead)}` : ""}`);
     byId("road").classList.toggle("adding", state.adding);
   };
 
-  return { render: (model) => { transport(); hand(model); changes(); forces(model); return why(model); } };
+  return { render: (model) => { transport(); hand(model); changes(); forces(model); return { sentence: why(model), hand: byId("in-hand").textContent, changes: state.changes.map((c) => changesOf.words(c, page.labelOf)) }; } };
+};
+export const NOTHING_SAID = { sentence: "", hand: "", changes: [] };
+// What of `now` is new to who has heard `told`; both as `render` gives them.
+export const news = (told, now) => {
+  const [more, gone] = [[now, told], [told, now]].map(([a, b]) => a.changes.filter((words) => !b.changes.includes(words)).join("; "));
+  return [now.hand !== told.hand && now.hand, more || (gone && `No longer: ${gone}`), now.sentence !== told.sentence && now.sentence].filter(Boolean).map((text) => text.replace(/[.]?$/, ".")).join(" ");
 };
 
 // Boxes that switch terms of the force.

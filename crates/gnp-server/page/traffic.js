@@ -98,18 +98,20 @@ export class Tracks {
   }
 }
 
-// Everyone with the changes of the moment, driven `ahead` s along the `forecasts`: `{ recorded, start, at, added, removed }`
-// more than of the tracks; `recorded` is null for who was added, `start` the place at the moment.
-export const changedTraffic = (recorded, changes, forecasts, ahead) => {
+// Everyone with the changes of the moment, driven `ahead` s along the `forecasts`, with `speeds` as they are predicted from:
+// `{ recorded, start, at, before, added, removed }` more than of the tracks; `recorded` is null for who was added, `start` the
+// place at the moment, `before` the speed without a change.
+export const changedTraffic = (recorded, changes, { forecasts, speeds }, ahead) => {
   const everyone = new Map();
   for (const [id, v] of recorded) {
     const moved = changesOf.find(changes, "move", id), start = moved ? v.at.map((value, i) => value + moved.by[i]) : v.at;
-    everyone.set(id, { ...v, speed: changesOf.find(changes, "speed", id)?.mps ?? v.speed, recorded: v.at, start, at: start, added: false, removed: changesOf.isRemoved(changes, id) });
+    const before = speeds.get(id) ?? v.speed;
+    everyone.set(id, { ...v, before, speed: changesOf.find(changes, "speed", id)?.mps ?? before, recorded: v.at, start, at: start, added: false, removed: changesOf.isRemoved(changes, id) });
   }
-  for (const c of changes) if (c.kind === "add") everyone.set(c.vehicle, { id: c.vehicle, class: c.class, size: c.size, speed: c.mps, recorded: null, start: c.at, at: c.at, added: true, removed: false });
+  for (const c of changes) if (c.kind === "add") everyone.set(c.vehicle, { id: c.vehicle, class: c.class, size: c.size, speed: c.mps, before: c.mps, recorded: null, start: c.at, at: c.at, added: true, removed: false });
   if (ahead > 0) {
     for (const v of everyone.values()) {
-      const forecast = forecasts?.get(v.id);
+      const forecast = forecasts.get(v.id);
       // Who is not predicted goes on as he does.
       if (forecast) v.at = gnpScene.along(forecast.paths[0], ahead / forecast.dt);
       else v.at = [v.start[0] + v.speed * ahead, v.start[1]];
