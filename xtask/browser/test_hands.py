@@ -15,8 +15,10 @@ SECOND = "us101-10_1"
 def test_keys_do_not_disturb_a_drag(page_of):
     play = page_of()
     play.drag(LEADER, [-5, 0], drop=False)
+    dragged = play.changes()
     for key in ["Delete", "Control+z", "r"]:
         play.page.keyboard.press(key)
+        assert play.changes() == dragged, f"{key} acts within a drag"
     play.page.mouse.move(*play.place(play.known[LEADER][0] - 10, play.known[LEADER][1]))
     play.page.mouse.up()
     (change,) = play.settle().changes()
@@ -220,3 +222,26 @@ def test_a_change_of_a_link_that_the_server_refuses_is_marked(page_of):
     play.page.click("#changes button")
     play.page.wait_for_selector("#notice:empty", state="attached", timeout=PATIENCE_S * 1000)
     assert play.settle().forecast()
+
+
+def test_of_a_crowd_as_many_are_asked_for_as_the_server_takes(page_of):
+    play = page_of()
+    few = 5
+
+    def card(route):
+        route.fulfill(json={**route.fetch().json(), "max_vehicles": few})
+
+    play.page.route("**/v1/model", card)
+    play.page.reload()
+    play.page.wait_for_selector("html[data-ready='1']", state="attached", timeout=PATIENCE_S * 1000)
+    asked = [body for path, body in play.settle().bodies if path == "/v1/predict"][-1]["vehicles"]
+    assert len(asked) == few and FOLLOWER in asked
+
+
+def test_a_term_has_one_name(page_of, url):
+    labels = {term["name"]: term["label"] for term in ask(url, "/v1/model")["terms"]}
+    causes = ask(url, "/v1/explain", {"scene": MOMENT, "vehicle": FOLLOWER})["as_it_is"]["parts"]
+    rows = page_of().page.locator("#causes th[scope=row]").all_inner_texts()
+    assert "free road and habit" in rows and "free road" not in rows
+    of_terms = [cause["cause"] for cause in causes if cause["kind"] == "term"]
+    assert not set(rows) & {name for name in of_terms if labels[name] != name}
