@@ -83,7 +83,7 @@ Examples:
     #[command(after_help = "\
 Examples:
   cargo xtask browser                     as in `cargo xtask ci`
-  cargo xtask browser --only drag --pictures /tmp/pictures
+  cargo xtask browser --only drag --pictures pictures
   cargo xtask browser --full              then requests that schemathesis makes up
 
 Needs Chromium and a Python with what xtask/browser/requirements.txt lists, named by GNP_PYTHON_BROWSER.")]

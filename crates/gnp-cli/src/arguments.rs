@@ -145,7 +145,7 @@ Examples:
 
 Prints a table of displacements in m by cause, which add up to the predicted path, and a sentence; writes the figures
 contributions and what-if, as SVG and PNG, to --out.")]
-    Explain(ExplainArgs),
+    Explain(Box<ExplainArgs>),
     /// Play recordings in the browser and change what is there: forecasts of every vehicle answer at once; the same by HTTP.
     #[command(after_help = "\
 Examples:
@@ -155,7 +155,7 @@ Examples:
 
 Only this computer can reach it unless --listen says otherwise. Ctrl-C ends it. The HTTP API is described by /openapi.json
 and docs/play.md.")]
-    Play(PlayArgs),
+    Play(Box<PlayArgs>),
     /// Write report.html of a finished run: what was run, quality, scores, figures, a scene player.
     #[command(after_help = "\
 Example:

@@ -281,8 +281,11 @@ fn what_cannot_be_changed_says_why() {
     }
 }
 
-/// By vehicle: lane, leader and neighbours of all, and where each is.
-fn relations(scene: &EditedScene) -> Vec<(u32, i16, Option<u32>, [Option<u32>; SLOTS], Vec<TrackState>)> {
+/// Vehicle, lane, leader, neighbours, states in the observed frames.
+type Relation = (u32, i16, Option<u32>, [Option<u32>; SLOTS], Vec<TrackState>);
+
+/// Of every vehicle that can be predicted.
+fn relations(scene: &EditedScene) -> Vec<Relation> {
     let observed = scene.snapshot().vehicles().filter_map(|vehicle| vehicle.observation());
     let states = |seen: &Observation<'_>| (0..seen.shape().t_obs).map(|i| seen.target(i)).collect();
     observed

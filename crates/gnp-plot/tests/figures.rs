@@ -461,8 +461,8 @@ fn a_moved_vehicle_is_dashed_where_it_was_and_an_added_one_is_in_the_changed_sce
         rects.iter().map(|e| (e.is("changed"), e.attributes.contains_key("stroke-dasharray"))).collect();
     // Before: 34 and 35; then 34, its ghost, the new one, and 35, which stays.
     assert_eq!(found, [(false, false), (false, false), (true, false), (true, true), (true, false), (true, false)]);
-    let metre = (middle(&rects[1]) - middle(&rects[0])) / 20.;
-    assert!((middle(&rects[3]) - middle(&rects[2]) - 10. * metre).abs() < 0.05, "30 m less 2 is 10 m beyond 18");
+    let metre = (middle(rects[1]) - middle(rects[0])) / 20.;
+    assert!((middle(rects[3]) - middle(rects[2]) - 10. * metre).abs() < 0.05, "30 m less 2 is 10 m beyond 18");
     // So is the prediction as it is.
     let (first, ghost) = (of(&elements, "path", "best")[0].points(), of(&elements, "path", "as-it-is")[0].points());
     assert!((first[0][0] - ghost[0][0] - 2. * metre).abs() < 0.05, "{:?} {:?}", first[0], ghost[0]);

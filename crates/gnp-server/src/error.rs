@@ -50,7 +50,7 @@ pub enum ServerError {
     /// The network, once it runs.
     #[error("the server cannot go on")]
     Io(#[from] io::Error),
-    /// The model.
-    #[error(transparent)]
-    Model(#[from] gnp::Error),
+    /// A model whose card cannot be said.
+    #[error("the model's card has no JSON form; export the model again")]
+    Card(#[from] serde_json::Error),
 }

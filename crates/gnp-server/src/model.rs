@@ -20,7 +20,7 @@ impl ServedModel {
     /// # Errors
     /// Where its card has no JSON form.
     pub(crate) fn new(model: Model) -> Result<Self, ServerError> {
-        let mut described = serde_json::to_value(model.card()).map_err(gnp::Error::from)?;
+        let mut described = serde_json::to_value(model.card())?;
         let predictor = ScenePredictor::new(&model);
         let terms: Vec<Value> = predictor
             .gnp()

@@ -175,10 +175,11 @@ fn of_program(stretch: &Stretch) -> Option<Value> {
 /// A vehicle, and who drives nearest ahead of it in its lane: of all pairs the closest with room for a change.
 fn pair(vehicles: &[Vehicle], frame: usize) -> Option<(&str, &str)> {
     let there: Vec<_> = vehicles.iter().filter_map(|one| Some((one.id.as_str(), one.at(frame)?))).collect();
-    let pairs = there.iter().flat_map(|behind| there.iter().map(move |ahead| (behind, ahead)));
-    let gap = |(behind, ahead): &(&(&str, [f64; 2]), &(&str, [f64; 2]))| ahead.1[0] - behind.1[0];
-    let near = pairs.filter(|pair| (pair.1.1[1] - pair.0.1[1]).abs() < BESIDE && gap(pair) > 10.);
-    near.min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|(behind, ahead)| (behind.0, ahead.0))
+    let pairs = there.iter().flat_map(|(behind, [x, y])| {
+        there.iter().map(move |(ahead, [far, aside])| ((*behind, *ahead), far - x, (aside - y).abs()))
+    });
+    let near = pairs.filter(|(_, gap, aside)| *aside < BESIDE && *gap > 10.);
+    near.min_by(|(_, a, _), (_, b, _)| a.total_cmp(b)).map(|(pair, ..)| pair)
 }
 
 #[cfg(test)]

@@ -77,6 +77,13 @@ fn plain_tracks_of_ten_rows_are_predicted_and_explained() {
     let told = run(&[&arguments[..], &["--json"]].concat()).well();
     let value: Value = serde_json::from_str(&told.out).unwrap();
     assert_eq!(value["vehicle_name"], "ego");
+    let told = run(&[&arguments[..], &["--add", "9,0,3", "--without-term", "neighbours", "--json"]].concat()).well();
+    let value: Value = serde_json::from_str(&told.out).unwrap();
+    assert_eq!(value["changes"], "without the force of neighbours and with a vehicle new 1 added at 3 m/s");
+    let parts = value["changed"]["parts"].as_array().unwrap();
+    assert!(parts.iter().any(|part| part["cause"] == "leader new 1"), "{parts:?}");
+    assert!(figures.join("what-if.svg").exists());
+    run(&[&arguments[..], &["--without-term", "magic"]].concat()).badly(&["magic", "neighbours"]);
     run(&["explain", "--input", tracks, "--vehicle", "bus"]).badly(&["no recording with a vehicle bus"]);
 }
 

@@ -16,7 +16,7 @@ pub(super) struct Edits {
 }
 
 /// How a vehicle of the data is changed.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Changed {
     /// Forward and to the left, m.
     pub(super) by: [f32; 2],
@@ -113,7 +113,13 @@ impl Edits {
         }
         match self.added.get_mut(&vehicle) {
             Some(new) => new.at = place,
-            None => self.changed.entry(vehicle).or_default().by = total,
+            None => {
+                let changed = self.changed.entry(vehicle).or_default();
+                changed.by = total;
+                if *changed == Changed::default() {
+                    self.changed.remove(&vehicle);
+                }
+            }
         }
         Ok(())
     }

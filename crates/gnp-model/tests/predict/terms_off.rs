@@ -34,7 +34,7 @@ fn is_of(cause: &Cause) -> &str {
         Cause::Intention => "goal",
         Cause::Neighbour { .. } => "neighbours",
         Cause::Term(name) => name,
-        other => panic!("{other:?}"),
+        _ => "told apart nowhere",
     }
 }
 
@@ -67,6 +67,7 @@ fn what_is_off_exerts_no_force_and_the_rest_still_adds_up() {
                 // Where nothing moves it, the free road stands alone, with 0.
                 let still = why.contributions.len() == 1 && why.contributions[0].at_end() == [0.; 2];
                 let unwanted = why.contributions.iter().find(|part| off.contains(&is_of(&part.cause)));
+                assert!(why.contributions.iter().all(|part| NAMES.contains(&is_of(&part.cause))));
                 assert!(unwanted.is_none() || still, "without {off:?}: {unwanted:?}");
                 if on.is_empty() {
                     let straight: Vec<_> = (1..=50).map(|step| why.velocity.map(|v| v * dt * step as f32)).collect();
