@@ -76,7 +76,7 @@ pub use crate::predictor::{Forecast, Mode, OraclePredictor, PredictError, Predic
 pub use crate::recording::{
     Columns, LaneMarking, NamedLeader, Recording, RecordingMeta, Road, Track, TrackState, VehicleClass, VelocitySource,
 };
-pub use crate::scene_edit::{EditedScene, NewVehicle, SPEED_CHANGE_S, SceneEdit, SceneEditError};
+pub use crate::scene_edit::{EditedScene, NewVehicle, SPEED_CHANGE_S, SPEED_KEPT_S, SceneEdit, SceneEditError};
 pub use crate::slot::{BySlot, SLOTS, Slot};
 pub use crate::snapshot::{FILL_FROM_S, Past, Present, Snapshot};
 pub use crate::split::{Split, SplitConfig, SplitKind, Subset};

@@ -16,7 +16,11 @@ use crate::recording::{Track, VehicleClass};
 use crate::snapshot::{Present, Snapshot};
 use crate::window::Observation;
 
-/// Time before the moment over which a changed speed is reached, s.
+/// Time for which a changed speed has been driven at the moment, s: a predictor that takes speeds from the last second, or
+/// accelerations, finds that speed and no braking.
+pub const SPEED_KEPT_S: f64 = 1.5;
+
+/// Time before that over which a changed speed is reached, s.
 pub const SPEED_CHANGE_S: f64 = 1.;
 
 /// The vehicles of a moment with their observed pasts, and with changes; no row after it.
@@ -75,8 +79,8 @@ pub enum SceneEdit {
         /// Forward and to the left, m.
         by: [f32; 2],
     },
-    /// A vehicle arrives at its present place with another speed: over the last [`SPEED_CHANGE_S`] before the moment its
-    /// speed along the road departs from the recorded one, linearly in time. Its lateral motion stays, and so do the
+    /// A vehicle arrives at its present place with another speed: for the last [`SPEED_KEPT_S`] it is faster or slower than
+    /// recorded by as much as it is at the moment, after that difference has grown over [`SPEED_CHANGE_S`], linearly in time. Its lateral motion stays, and so do the
     /// places of all others. A leader without a row is absent where it would be behind its follower's front.
     Speed {
         /// Its number.

@@ -19,6 +19,8 @@ pub struct Forecasts {
     pub(crate) paths: Vec<[f32; 2]>,
     /// `[windows, modes]`; empty without explanations.
     pub(crate) goals: Vec<[f32; 2]>,
+    /// `[windows]`; empty without explanations.
+    pub(crate) velocities: Vec<[f32; 2]>,
     /// None without explanations.
     pub(crate) terms: Vec<TermTotals>,
 }
@@ -76,6 +78,13 @@ impl Forecasts {
         &self.goals
     }
 
+    /// The present velocity of each window's vehicle as the model takes it, m/s, of which the causes of a path are counted,
+    /// `[windows]`; empty unless the model is [explaining](crate::Gnp::explaining).
+    #[must_use]
+    pub fn velocities(&self) -> &[[f32; 2]] {
+        &self.velocities
+    }
+
     /// The terms of the force that act, those of the platoon's path among them; none unless the model is
     /// [explaining](crate::Gnp::explaining). They add up to the acceleration of each step.
     #[must_use]
@@ -101,6 +110,7 @@ impl Forecasts {
         self.probabilities.resize(windows * modes, 0.);
         self.paths.resize(windows * modes * steps, [0.; 2]);
         self.goals.resize(if explain { windows * modes } else { 0 }, [0.; 2]);
+        self.velocities.resize(if explain { windows } else { 0 }, [0.; 2]);
         if explain {
             let totals = windows * modes * steps;
             self.terms.iter_mut().for_each(|term| term.totals.resize(totals, [0.; 2]));
@@ -133,6 +143,9 @@ impl Forecasts {
         let explanations = || modes().filter_map(|mode| mode.explanation.as_ref());
         self.goals.clear();
         self.goals.extend(explanations().map(|explanation| explanation.goal));
+        self.velocities.clear();
+        let firsts = forecasts.iter().filter_map(|forecast| forecast.modes.first()?.explanation.as_ref());
+        self.velocities.extend(firsts.map(|explanation| explanation.velocity));
         // The same terms act on every path.
         self.terms.clear();
         let terms = explanations().next().map_or(&[][..], |explanation| &explanation.terms);

@@ -199,6 +199,9 @@ impl Lean<'_> {
         let nearest = if central { nearest_to_mean(ends, decoded.probabilities) } else { None };
         choice.medoids(ends, decoded.probabilities, k, nearest);
 
+        if let Some(velocity) = out.velocities.get_mut(window) {
+            *velocity = situation.velocity();
+        }
         let reference = self.features.reference_end(situation).map(f64::from);
         let [moved, _] = situation.frame(self.features.shape().t_pred);
         for (goal, (mode, probability)) in choice.picked.iter().enumerate() {

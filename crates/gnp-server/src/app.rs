@@ -50,7 +50,7 @@ impl App {
     ) -> Result<Self, ServerError> {
         let metrics = Metrics::new();
         let turns = Arc::new(Turns::new(config.jobs, config.waiting, metrics.dropped.clone()));
-        let model = ServedModel::new(model)?;
+        let model = ServedModel::new(model, config.max_vehicles)?;
         let recordings = Recordings::new(recordings, model.shape())?;
         let moments = Moments::default();
         Ok(Self { config, model, recordings, moments, metrics, turns })

@@ -18,8 +18,7 @@ use crate::scene::{ChangeRequest, Changes, Scene, SceneRequest};
 pub(crate) struct ExplainRequest {
     scene: Object<SceneRequest>,
     vehicle: String,
-    #[serde(default)]
-    changes: Vec<Object<ChangeRequest>>,
+    changes: Option<Vec<Object<ChangeRequest>>>,
     k: Option<usize>,
 }
 
@@ -31,7 +30,7 @@ impl ExplainRequest {
     pub(crate) fn answer(&self, app: &App) -> Result<Value, Problem> {
         let k = app.model.futures(self.k)?;
         let scene = self.scene.resolve(app)?;
-        let changes = Changes::of(&self.changes, &scene)?;
+        let changes = Changes::of(self.changes.as_deref().unwrap_or_default(), &scene)?;
         let here = |name: &str| {
             let number = scene.moment.vehicle_named(name)?;
             scene.moment.snapshot().vehicles().find(|it| it.vehicle() == number)

@@ -15,6 +15,7 @@ use axum::response::{IntoResponse, Response};
 use governor::clock::{Clock as _, DefaultClock};
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use tokio::time::timeout;
 
 use crate::connections::Client;
@@ -72,6 +73,11 @@ pub(crate) async fn read<T: DeserializeOwned>(request: Request, most: usize) -> 
         let detail = "say Content-Type: application/json";
         return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
     }
+    let encoding = request.headers().get(header::CONTENT_ENCODING);
+    if encoding.is_some_and(|encoding| !encoding.as_bytes().eq_ignore_ascii_case(b"identity")) {
+        let detail = "send the body as it is, without Content-Encoding";
+        return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
+    }
     let too_large = || Problem::new(ProblemKind::BodyTooLarge, format!("a body has at most {most} bytes"));
     let length =
         request.headers().get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
@@ -89,25 +95,29 @@ fn is_json(headers: &HeaderMap) -> bool {
     let kind = headers.get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
     let mut parts = kind.split(';').map(str::trim);
     let json = parts.next().is_some_and(|kind| kind.eq_ignore_ascii_case("application/json"));
-    json && parts.all(|part| part.is_empty() || part.eq_ignore_ascii_case("charset=utf-8"))
+    json && parts.all(|part| part.is_empty() || part.replace('"', "").eq_ignore_ascii_case("charset=utf-8"))
 }
 
 fn parse<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
     let mut json = serde_json::Deserializer::from_slice(body);
-    let Object(value) = serde_path_to_error::deserialize(&mut json).map_err(|error| {
-        let field = error.path().to_string();
-        let inner = error.into_inner();
-        if inner.is_data() {
-            // Where the value as a whole is wrong the path is a dot.
-            Problem::at(
-                ProblemKind::InvalidRequest,
-                if field == "." { "body".to_owned() } else { field },
-                inner.to_string(),
-            )
-        } else {
-            Problem::new(ProblemKind::NotJson, inner.to_string())
+    let parsed = serde_path_to_error::deserialize(&mut json);
+    let ended = json.end();
+    match parsed {
+        Ok(Object(value)) => {
+            ended.map(|()| value).map_err(|error| Problem::new(ProblemKind::NotJson, error.to_string()))
         }
-    })?;
-    json.end().map_err(|error| Problem::new(ProblemKind::NotJson, error.to_string()))?;
-    Ok(value)
+        Err(error) if error.inner().is_data() => Err(not_asked_for(error)),
+        // Of a list that is too long, or a number in place of a word, the reader says that the text goes on wrongly.
+        Err(_) => {
+            let value: Value =
+                serde_json::from_slice(body).map_err(|error| Problem::new(ProblemKind::NotJson, error.to_string()))?;
+            serde_path_to_error::deserialize(value).map(|Object(value)| value).map_err(not_asked_for)
+        }
+    }
+}
+
+fn not_asked_for(error: serde_path_to_error::Error<serde_json::Error>) -> Problem {
+    // Where the value as a whole is wrong the path is a dot.
+    let field = Some(error.path().to_string()).filter(|path| path != ".").unwrap_or_else(|| "body".to_owned());
+    Problem::at(ProblemKind::InvalidRequest, field, error.into_inner().to_string())
 }

@@ -19,7 +19,7 @@ pub(crate) struct ServedModel {
 impl ServedModel {
     /// # Errors
     /// Where its card has no JSON form.
-    pub(crate) fn new(model: Model) -> Result<Self, ServerError> {
+    pub(crate) fn new(model: Model, max_vehicles: usize) -> Result<Self, ServerError> {
         let mut described = serde_json::to_value(model.card())?;
         let predictor = ScenePredictor::new(&model);
         let terms: Vec<Value> = predictor
@@ -39,6 +39,7 @@ impl ServedModel {
             .collect();
         described["terms"] = Value::Array(terms);
         described["k"] = json!(model.card().predict.k);
+        described["max_vehicles"] = json!(max_vehicles);
         Ok(Self { model, predictor, described })
     }
 

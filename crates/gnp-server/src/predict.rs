@@ -20,8 +20,7 @@ pub(crate) const EVERY_S: f64 = 0.2;
 #[serde(deny_unknown_fields)]
 pub(crate) struct PredictRequest {
     scene: Object<SceneRequest>,
-    #[serde(default)]
-    changes: Vec<Object<ChangeRequest>>,
+    changes: Option<Vec<Object<ChangeRequest>>>,
     k: Option<usize>,
     every_s: Option<f64>,
     vehicles: Option<Vec<String>>,
@@ -78,7 +77,7 @@ impl PredictRequest {
         let k = app.model.futures(self.k)?;
         let every = app.model.points_every(self.every_s.unwrap_or(EVERY_S), "every_s")?;
         let scene = self.scene.resolve(app)?;
-        let changes = Changes::of(&self.changes, &scene)?;
+        let changes = Changes::of(self.changes.as_deref().unwrap_or_default(), &scene)?;
         let changed = scene.moment.changed(&changes.all).map_err(|error| refused(&error))?;
         let asked: Option<Vec<u32>> = match &self.vehicles {
             Some(names) => Some(

@@ -20,6 +20,8 @@ use crate::security::Doorkeeper;
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// What is being answered may take so long after that.
 const GRACE: Duration = Duration::from_secs(5);
+/// So long before that who is still in line is sent away.
+const SENT_AWAY: Duration = Duration::from_millis(1000);
 
 /// A server that listens, and answers once it [runs](Server::run).
 ///
@@ -75,6 +77,7 @@ impl Server {
     /// [`ServerError::Io`] when the system gives no threads or takes the socket away.
     pub fn run(self, stop: &Stop) -> Result<(), ServerError> {
         let Self { listener, doorkeeper, app, .. } = self;
+        let turns = Arc::clone(&app.turns);
         let threads = app.config.jobs.clamp(1, 4);
         let runtime = Builder::new_multi_thread().worker_threads(threads).enable_all().build()?;
         let ended = runtime.block_on(async {
@@ -83,7 +86,9 @@ impl Server {
             let serving = axum::serve(connections, service).with_graceful_shutdown(asked_to(stop.clone()));
             let late = async {
                 asked_to(stop.clone()).await;
-                sleep(GRACE).await;
+                sleep(GRACE - SENT_AWAY).await;
+                turns.close();
+                sleep(SENT_AWAY).await;
             };
             tokio::select! {
                 ended = serving => ended,

@@ -75,6 +75,11 @@ impl Turns {
         }
     }
 
+    /// Gives nobody in line a turn any more.
+    pub(crate) fn close(&self) {
+        self.working.close();
+    }
+
     fn workspace(&self) -> Workspace {
         self.workspaces.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::base::Base;
-use super::{NewVehicle, SPEED_CHANGE_S, SceneEdit, SceneEditError, check_new, check_speed};
+use super::{NewVehicle, SPEED_CHANGE_S, SPEED_KEPT_S, SceneEdit, SceneEditError, check_new, check_speed};
 use crate::limits::is_position;
 
 /// All changes, one entry a vehicle.
@@ -156,7 +156,8 @@ pub(super) fn speed_change(faster: f32, rows: usize, rate_hz: f64) -> Vec<Differ
     let dt = 1. / rate_hz;
     let mut place = 0f64;
     let change = |back: usize| {
-        let speed = f64::from(faster) * (1. - back as f64 * dt / SPEED_CHANGE_S).max(0.);
+        let share = 1. - (back as f64 * dt - SPEED_KEPT_S) / SPEED_CHANGE_S;
+        let speed = f64::from(faster) * share.clamp(0., 1.);
         let change = Difference { place: place as f32, speed: speed as f32 };
         // Where it comes from, one frame before.
         place -= speed * dt;

@@ -5,6 +5,7 @@ use gnp_data::{NewVehicle, SceneEdit, VehicleClass};
 use serde::Deserialize;
 
 use super::Scene;
+use super::tracks::LONGEST_NAME;
 use crate::object::Object;
 use crate::problem::{Problem, ProblemKind};
 
@@ -126,12 +127,17 @@ impl Changes {
         field: &dyn Fn(&str) -> String,
     ) -> Result<Change, Problem> {
         let wrong = |name: &str, detail: String| Problem::at(ProblemKind::InvalidChange, field(name), detail);
-        if name.is_empty() || name.len() > 64 || name.chars().any(char::is_control) {
-            return Err(wrong("vehicle", "a name has 1 to 64 bytes and no control characters".to_owned()));
+        if name.is_empty() || name.chars().count() > LONGEST_NAME || name.chars().any(char::is_control) {
+            return Err(wrong("vehicle", format!("a name has 1 to {LONGEST_NAME} characters, none of control")));
         }
         let known = self.added.iter().any(|(known, _)| *known == name) || scene.moment.vehicle_named(&name).is_some();
         if known {
-            return Err(wrong("vehicle", format!("there is a vehicle {name}; give the new one a name of its own")));
+            return Err(wrong(
+                "vehicle",
+                format!(
+                    "{name} is the name of another vehicle of this scene, or was; give the new one a name of its own"
+                ),
+            ));
         }
         let taken: Vec<u32> = self.added.iter().map(|(_, number)| *number).collect();
         let vehicle = scene.moment.free_number(&taken);

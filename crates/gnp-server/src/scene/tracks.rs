@@ -13,8 +13,8 @@ use serde::Deserialize;
 use crate::object::Object;
 use crate::problem::{Problem, ProblemKind};
 
-/// Longest name of a vehicle, bytes.
-const LONGEST_NAME: usize = 64;
+/// Longest name of a vehicle, characters.
+pub(super) const LONGEST_NAME: usize = 64;
 
 /// A lane line.
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -87,8 +87,8 @@ fn check(vehicles: &[Object<VehicleRequest>]) -> Result<(), Problem> {
         let field = |name: &str| format!("scene.vehicles[{i}].{name}");
         let wrong = |name: &str, detail: String| Err(Problem::at(ProblemKind::InvalidTracks, field(name), detail));
         let name = vehicle.id.as_str();
-        if name.is_empty() || name.len() > LONGEST_NAME || name.chars().any(char::is_control) {
-            return wrong("id", format!("a name has 1 to {LONGEST_NAME} bytes and no control characters"));
+        if name.is_empty() || name.chars().count() > LONGEST_NAME || name.chars().any(char::is_control) {
+            return wrong("id", format!("a name has 1 to {LONGEST_NAME} characters, none of control"));
         }
         if let Some(first) = known.insert(name, i) {
             return wrong("id", format!("scene.vehicles[{first}] has the same name, {name}"));

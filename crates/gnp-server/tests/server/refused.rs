@@ -50,6 +50,14 @@ fn a_request_that_cannot_be_answered_says_which_field_is_wrong() {
         (json!([{"recording": RECORDING, "time_s": 5}]), 422, "invalid-request", "body"),
         (json!({"scene": [RECORDING, 0, 5, null, null, null]}), 422, "invalid-request", "scene"),
         (with(json!({"colour": 1})), 422, "invalid-request", "colour"),
+        (with(json!({"changes": [{"kind": 1, "vehicle": "518"}]})), 422, "invalid-request", "changes[0].kind"),
+        (changed(json!({"kind": "move", "vehicle": "533", "by": [1, 2, 3]})), 422, "invalid-request", "changes[1].by"),
+        (
+            scene(|it| it["vehicles"][1]["track"][4] = json!([0.4, 1, 2, 3])),
+            422,
+            "invalid-request",
+            "scene.vehicles[1].track[4]",
+        ),
         (with(json!({"k": -1})), 422, "invalid-request", "k"),
         (with(json!({"k": 0})), 422, "invalid-request", "k"),
         (with(json!({"k": 100_000})), 422, "invalid-request", "k"),
@@ -209,6 +217,9 @@ fn bodies_that_are_no_json_are_refused() {
     }
     assert_eq!(server.request("POST", "/v1/predict", &[], "{}").status, 415);
     assert_eq!(post("Application/JSON; charset=UTF-8", "{").status, 400);
+    assert_eq!(post("application/json;charset=\"utf-8\"", "{").status, 400);
+    let packed = ["Content-Type: application/json", "Content-Encoding: gzip"];
+    assert_eq!(server.request("POST", "/v1/predict", &packed, "{}").status, 415);
 }
 
 #[test]
@@ -269,4 +280,29 @@ fn spans_of_tracks_that_are_not_there_are_refused() {
         assert_eq!((answer.status, answer.problem().as_str()), (422, name), "{query}: {answer:?}");
     }
     assert_eq!(server.get("/v1/recordings/nowhere/tracks").problem(), "unknown-recording");
+}
+
+/// Names are those of the request, not the numbers that vehicles have inside.
+#[test]
+fn problems_call_vehicles_by_their_names() {
+    let server = Running::shared();
+    let refused = |changes: Value| {
+        let mut request = scene(|_| ());
+        request["changes"] = changes;
+        let answer = server.post("/v1/predict", &request);
+        assert_eq!(answer.status, 422, "{answer:?}");
+        answer.json()["detail"].as_str().unwrap().to_owned()
+    };
+    let gone = json!([{"kind": "remove", "vehicle": "b"}, {"kind": "remove", "vehicle": "b"}]);
+    assert_eq!(refused(gone), "vehicle b was removed by an earlier change; there are a");
+    let fast = json!([{"kind": "speed", "vehicle": "b", "mps": 101}]);
+    assert_eq!(refused(fast), "vehicle b: a speed of 101 m/s is not between 0 and 100 m/s");
+    let large = json!([{"kind": "add", "vehicle": "bus", "at": [20, 1.8], "mps": 20, "size": [99, 9]}]);
+    assert!(refused(large).starts_with("vehicle bus: 99 m by 9 m is no size"));
+    let again =
+        json!([{"kind": "remove", "vehicle": "b"}, {"kind": "add", "vehicle": "b", "at": [20, 1.8], "mps": 20}]);
+    assert_eq!(
+        refused(again),
+        "b is the name of another vehicle of this scene, or was; give the new one a name of its own"
+    );
 }

@@ -85,7 +85,11 @@ fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Found<'a>>> {
         }));
         let whose = question.vehicle.map_or_else(String::new, |vehicle| format!(" of vehicle {vehicle}"));
         let place = question.recording.as_ref().map_or_else(String::new, |name| format!(" in {name}"));
-        bail!(Recordings, "there is no window{whose}{place}; vehicles with one: {}", listed(there));
+        bail!(
+            Recordings,
+            "there is no window{whose}{place}; vehicles with one: {}",
+            listed(there, |it| it.to_string())
+        );
     }
     let found = |id: WindowId| {
         let window = set.get(id)?;
@@ -122,7 +126,7 @@ fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Fou
     if !fitting.is_empty() {
         return Ok(fitting);
     }
-    let there = listed(others);
+    let there = listed(others, |it| it.to_string());
     match question.vehicle {
         Some(vehicle) if !frames.is_empty() => bail!(
             Recordings,
@@ -141,10 +145,10 @@ fn in_words(recording: &Recording, first: u32, last: u32) -> String {
     format!("frames {first} to {last} of {}", recording.meta().name)
 }
 
-/// Numbers in order, each once, those beyond some counted.
-pub(crate) fn listed(numbers: impl IntoIterator<Item = u32>) -> String {
+/// Vehicles by growing number, each once, as `name` calls them; those beyond some counted.
+pub(crate) fn listed(numbers: impl IntoIterator<Item = u32>, name: impl Fn(u32) -> String) -> String {
     let numbers: BTreeSet<u32> = numbers.into_iter().collect();
-    let named: Vec<String> = numbers.iter().take(LISTED).map(u32::to_string).collect();
+    let named: Vec<String> = numbers.iter().take(LISTED).map(|number| name(*number)).collect();
     match numbers.len().saturating_sub(LISTED) {
         _ if numbers.is_empty() => "none".to_owned(),
         0 => named.join(", "),
@@ -158,8 +162,12 @@ mod tests {
 
     #[test]
     fn lists_are_short_and_in_order() {
-        assert_eq!(listed([]), "none");
-        assert_eq!(listed([7, 3, 7]), "3, 7");
-        assert!(listed(1..=30).ends_with("23, 24 and 6 more"), "{}", listed(1..=30));
+        assert_eq!(listed([], |it| it.to_string()), "none");
+        assert_eq!(listed([7, 3, 7], |it| it.to_string()), "3, 7");
+        assert!(
+            listed(1..=30, |it| it.to_string()).ends_with("23, 24 and 6 more"),
+            "{}",
+            listed(1..=30, |it| it.to_string())
+        );
     }
 }

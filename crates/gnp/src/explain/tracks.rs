@@ -61,8 +61,9 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
         Some(0)
     };
     let Some(observation) = best.and_then(|best| fitting.get(best)).copied() else {
-        let there =
-            find::listed(moment.snapshot().vehicles().filter(|it| it.observation().is_some()).map(|it| it.vehicle()));
+        let vehicles = moment.snapshot().vehicles();
+        let predictable = vehicles.filter(|it| it.observation().is_some()).map(|it| it.vehicle());
+        let there = find::listed(predictable, |vehicle| moment.name(vehicle));
         let who = question.vehicle.as_deref().map_or_else(|| "no vehicle".to_owned(), |name| format!("vehicle {name}"));
         bail!(
             Recordings,

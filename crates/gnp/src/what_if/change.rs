@@ -83,21 +83,28 @@ pub struct ChangeError {
 #[non_exhaustive]
 pub enum ChangeProblem {
     /// A vehicle that is not there, or no longer.
-    #[error("{source}; there are {there}")]
+    #[error("{said}; there are {there}")]
     Absent {
         /// Which one.
         source: SceneEditError,
-        /// Those that are, in words.
+        /// The same by the names of the data.
+        said: String,
+        /// Those that are there, in words.
         there: String,
     },
     /// The scene does not take it.
-    #[error(transparent)]
-    Scene(SceneEditError),
+    #[error("{said}")]
+    Scene {
+        /// Why.
+        source: SceneEditError,
+        /// The same by the names of the data.
+        said: String,
+    },
     /// The vehicle whose forecast is asked for is to be removed.
-    #[error("vehicle {vehicle} is the one that is explained and cannot be removed")]
+    #[error("vehicle {name} is the one that is explained and cannot be removed")]
     Explained {
-        /// The vehicle.
-        vehicle: u32,
+        /// What the vehicle is called.
+        name: String,
     },
     /// A goal that is no place.
     #[error("a goal at {x}, {y} m is not within {} m of the vehicle", gnp_data::limits::MAX_POSITION)]
@@ -110,6 +117,16 @@ pub enum ChangeProblem {
     /// The model has no such term of the force.
     #[error(transparent)]
     Term(Box<ModelError>),
+}
+
+impl ChangeProblem {
+    /// The same in which the vehicle has its name instead of its number.
+    pub(super) fn by_name(mut self, named: Option<(u32, String)>) -> Self {
+        if let (Self::Absent { said, .. } | Self::Scene { said, .. }, Some((vehicle, name))) = (&mut self, named) {
+            *said = said.replacen(&format!("vehicle {vehicle}"), &format!("vehicle {name}"), 1);
+        }
+        self
+    }
 }
 
 /// The part of a change that a [`ChangeProblem`] is about.
@@ -135,7 +152,7 @@ impl ChangeError {
     #[must_use]
     pub fn field(&self) -> ChangeField {
         match &self.problem {
-            ChangeProblem::Scene(error) => match error {
+            ChangeProblem::Scene { source, .. } => match source {
                 SceneEditError::Speed { .. } => ChangeField::Speed,
                 SceneEditError::Move { .. } => ChangeField::By,
                 SceneEditError::Place { .. } => ChangeField::At,

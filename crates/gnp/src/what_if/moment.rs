@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use gnp_data::{
-    DataError, EditedScene, Observation, Present, Recording, SceneEdit, SceneEditError, Snapshot, WindowShape, limits,
+    DataError, EditedScene, NewVehicle, Observation, Present, Recording, SceneEdit, SceneEditError, Snapshot,
+    WindowShape, limits,
 };
 
 use super::change::{Change, ChangeError, ChangeProblem};
@@ -76,6 +77,12 @@ impl Moment {
         &self.scene
     }
 
+    /// What a vehicle is called in the data.
+    #[must_use]
+    pub fn name(&self, vehicle: u32) -> String {
+        self.snapshot().recording().vehicle_name(vehicle).into_owned()
+    }
+
     /// The vehicle of this name in the data.
     #[must_use]
     pub fn vehicle_named(&self, name: &str) -> Option<u32> {
@@ -102,9 +109,20 @@ impl Moment {
             without_terms: Vec::new(),
         };
         for (index, change) in changes.iter().enumerate() {
-            changed.apply(index, change).map_err(|problem| ChangeError { index, problem })?;
+            changed.apply(index, change).map_err(|problem| {
+                let named = change.vehicle().map(|vehicle| (vehicle, self.called(change, vehicle)));
+                ChangeError { index, problem: problem.by_name(named) }
+            })?;
         }
         Ok(changed)
+    }
+
+    /// What the vehicle of a change is called, also where it is gone or could not be added.
+    fn called(&self, change: &Change, vehicle: u32) -> String {
+        match change {
+            Change::Scene(SceneEdit::Add(NewVehicle { name: Some(name), .. })) => name.clone(),
+            _ => self.name(vehicle),
+        }
     }
 }
 
@@ -141,12 +159,14 @@ impl ChangedMoment {
         Ok(())
     }
 
-    fn problem(&self, error: SceneEditError) -> ChangeProblem {
-        match error {
-            source @ (SceneEditError::Absent { .. } | SceneEditError::Removed { .. }) => {
-                ChangeProblem::Absent { source, there: listed(self.scene.numbers()) }
+    fn problem(&self, source: SceneEditError) -> ChangeProblem {
+        let said = source.to_string();
+        match source {
+            SceneEditError::Absent { .. } | SceneEditError::Removed { .. } => {
+                let there = listed(self.scene.numbers(), |number| self.name(number));
+                ChangeProblem::Absent { source, said, there }
             }
-            other => ChangeProblem::Scene(other),
+            source => ChangeProblem::Scene { source, said },
         }
     }
 

@@ -1,7 +1,7 @@
 //! Forecasts of a changed moment.
 
 use gnp_data::{
-    Account, Forecast, Observation, Past, PredictError, Predictor as _, Present, SLOTS, SceneEdit, VehicleClass,
+    Account, Forecast, Mode, Observation, Past, PredictError, Predictor as _, Present, SLOTS, SceneEdit, VehicleClass,
     WindowKey,
 };
 use gnp_model::{Forecasts, Gnp, ModelError, Workspace};
@@ -43,7 +43,7 @@ pub struct VehicleForecast {
     pub road: u16,
     /// Centre at the moment, m, road frame: the origin of goals and paths.
     pub at: [f32; 2],
-    /// Velocity at the moment, m/s, road frame.
+    /// Velocity at the moment as the model takes it, m/s, road frame: of it the causes are counted.
     pub velocity: [f32; 2],
     /// How much of its past was seen.
     pub past: Past,
@@ -138,6 +138,7 @@ impl ScenePredictor {
         for ((present, observation), modes) in free.into_iter().zip(&seen).zip(modes) {
             out.take(&present, observation, modes);
         }
+        let gnp = gnp.explaining(true);
         for (present, observation, goal) in forced {
             let modes = match gnp.predict_towards(&[observation], &[vec![goal]]) {
                 Ok(forecasts) => forecasts.into_iter().next().map(|forecast| to_goal(forecast, goal)),
@@ -170,7 +171,7 @@ impl ScenePredictor {
     ) -> Result<(Explained, ChangedMoment)> {
         let removes = |change: &Change| *change == Change::Scene(SceneEdit::Remove { vehicle });
         if let Some(index) = changes.iter().position(removes) {
-            return Err(ChangeError { index, problem: ChangeProblem::Explained { vehicle } }.into());
+            return Err(ChangeError { index, problem: ChangeProblem::Explained { name: moment.name(vehicle) } }.into());
         }
         let as_it_is = self.explained(&moment.changed(&[])?, vehicle, k)?;
         let moment_now = moment.changed(changes)?;
@@ -221,20 +222,19 @@ impl ScenePredictor {
 }
 
 impl SceneForecasts {
-    fn take(&mut self, present: &Present<'_>, seen: &Observation<'_>, modes: Option<Vec<Future>>) {
+    fn take(&mut self, present: &Present<'_>, seen: &Observation<'_>, futures: Option<Futures>) {
         let (track, vehicle) = (present.track(), present.vehicle());
-        let Some(modes) = modes else {
+        let Some(Futures { velocity, modes }) = futures else {
             self.left_out.push(LeftOut { vehicle, reason: Unpredicted::NotFinite });
             return;
         };
-        let now = seen.target(seen.shape().t_obs - 1);
         self.forecasts.push(VehicleForecast {
             vehicle,
             class: track.class,
             size: seen.size(),
             road: track.road,
             at: seen.origin(),
-            velocity: [now.vx, now.vy],
+            velocity,
             past: present.past(),
             observed_s: match present.past() {
                 Past::Filled { observed_s } => observed_s,
@@ -247,13 +247,19 @@ impl SceneForecasts {
     }
 }
 
+/// The futures of a vehicle, and the velocity that they set out from, m/s.
+struct Futures {
+    velocity: [f32; 2],
+    modes: Vec<Future>,
+}
+
 /// The futures of each window; of a call that fails as a whole those of each window that it does not fail for.
 fn futures(
     gnp: &Gnp,
     seen: &[Observation<'_>],
     k: usize,
     workspace: &mut Workspace,
-) -> Result<Vec<Option<Vec<Future>>>, PredictError> {
+) -> Result<Vec<Option<Futures>>, PredictError> {
     let gnp = gnp.clone().explaining(true);
     let mut forecasts = Forecasts::default();
     match gnp.predict_into(seen, k, workspace, &mut forecasts) {
@@ -270,15 +276,18 @@ fn futures(
     }
 }
 
-fn modes_of(forecasts: &Forecasts, window: usize) -> Vec<Future> {
+fn modes_of(forecasts: &Forecasts, window: usize) -> Futures {
     let mode = |mode: usize| Future {
         probability: forecasts.probabilities()[window * forecasts.modes() + mode],
         goal: forecasts.goals()[window * forecasts.modes() + mode],
         path: forecasts.path(window, mode).to_vec(),
     };
-    (0..forecasts.modes()).map(mode).collect()
+    Futures { velocity: forecasts.velocities()[window], modes: (0..forecasts.modes()).map(mode).collect() }
 }
 
-fn to_goal(forecast: Forecast, goal: [f32; 2]) -> Vec<Future> {
-    forecast.modes.into_iter().map(|mode| Future { probability: mode.probability, goal, path: mode.path }).collect()
+fn to_goal(forecast: Forecast, goal: [f32; 2]) -> Futures {
+    let explanation = forecast.modes.first().and_then(|mode| mode.explanation.as_ref());
+    let velocity = explanation.map_or([0.; 2], |explanation| explanation.velocity);
+    let future = |mode: Mode| Future { probability: mode.probability, goal, path: mode.path };
+    Futures { velocity, modes: forecast.modes.into_iter().map(future).collect() }
 }
