@@ -237,8 +237,9 @@ const leave = () => {
   saveLink.now();
   history.pushState(null, "", location.href);
 };
-// A recording and its carriageway, at a time.
-const open = (name, road, values = {}) => {
+// A recording and its carriageway, at a time; what a link says of it is for `check`.
+const open = (name, road, values = {}, said = null) => {
+  toCheck = said;
   const recording = recordingOf(name), index = road ?? recording.roads[0]?.index ?? 0;
   byId("recording").value = name;
   options(byId("carriageway"), recording.roads.map((r) => [r.index, String(r.index)]));
@@ -279,8 +280,7 @@ const openLink = () => {
   }
   if (problem) say(`The link cannot be followed: ${problem}. Another scene is shown.`, { bad: true, ms: READ_MS });
   if (!found || problem) { openBusiest(); return; }
-  toCheck = found;
-  open(found.recording, found.road, found.time === undefined ? {} : { time: found.time });
+  open(found.recording, found.road, found.time === undefined ? {} : { time: found.time }, found);
   check();
 };
 
