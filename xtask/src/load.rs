@@ -39,6 +39,9 @@ pub(crate) struct LoadArgs {
     pub(crate) seconds: u16,
 }
 
+/// Explanations a second that a page asks for: as often as forecasts of 60 vehicles are there.
+const PAGE_ASKS: f64 = 40.;
+
 /// Starts a server, asks it as a program does and as its page does, prints a table, and stops it.
 ///
 /// # Errors
@@ -71,7 +74,10 @@ pub(crate) fn run(arguments: LoadArgs, terminal: &Terminal) -> Result<()> {
     terminal.note(&format!("load: {rate:.0} a second; now {asked:.0} a second"));
     let steady = program_asks.start(&server, CONNECTIONS, Pace::Steady { a_second: asked, time })?.end()?;
     terminal.note("load: as the page asks while somebody drags a vehicle");
-    let dragged: Vec<_> = page.iter().map(|one| one.start(&server, 1, Pace::Most(time))).collect::<Result<_>>()?;
+    // It asks both at once and again when both are there, so that the second waits for the first.
+    let paces = [Pace::Most(time), Pace::Steady { a_second: PAGE_ASKS, time }];
+    let dragged: Vec<_> =
+        page.iter().zip(paces).map(|(one, pace)| one.start(&server, 1, pace)).collect::<Result<_>>()?;
     let dragged: Vec<Answers> = dragged.into_iter().map(h2load::Asking::end).collect::<Result<_>>()?;
     let late = server.resident()?;
     server.stop()?;
@@ -88,7 +94,7 @@ pub(crate) fn run(arguments: LoadArgs, terminal: &Terminal) -> Result<()> {
         "Answers over HTTP on the loopback address, {time:?} each, h2load on the same cores; load average before {others}.
 {}.
 `predict` sends the tracks of {} vehicles, on {CONNECTIONS} connections: as many as are answered, and {asked:.0} a second.
-The page asks both at once, of {} vehicles, {} of them recorded. Times in ms.
+The page asks both, explanations {PAGE_ASKS} times a second, of {} vehicles, {} of them recorded. Times in ms.
 {}
 No error. Memory of the server: {:.0} MiB before, {:.0} after {settled:?}, {:.0} in the end.",
         bench::processor(),
