@@ -79,6 +79,7 @@ impl PredictRequest {
         let scene = self.scene.resolve(app)?;
         let changes = Changes::of(self.changes.as_deref().unwrap_or_default(), &scene)?;
         let changed = scene.moment.changed(&changes.all).map_err(|error| refused(&error))?;
+        let now = changed.now();
         let asked: Option<Vec<u32>> = match &self.vehicles {
             Some(names) => Some(
                 names
@@ -86,7 +87,7 @@ impl PredictRequest {
                     .enumerate()
                     .map(|(i, name)| {
                         let number = changes.vehicle_named(name, &scene);
-                        let there = number.filter(|number| changed.vehicles().any(|it| it.vehicle() == *number));
+                        let there = number.filter(|number| now.snapshot().vehicle(*number).is_some());
                         there.ok_or_else(|| unknown(&format!("vehicles[{i}]"), name))
                     })
                     .collect::<Result<_, _>>()?,
@@ -94,7 +95,7 @@ impl PredictRequest {
             None => None,
         };
         let on_road = |road: u16| scene.road.is_none_or(|asked| asked == road);
-        let wanted: Vec<u32> = changed
+        let wanted: Vec<u32> = now
             .vehicles()
             .filter(|it| on_road(it.track().road))
             .map(|it| it.vehicle())
@@ -110,7 +111,7 @@ impl PredictRequest {
         }
         let found = predictor.forecasts(&changed, Some(&wanted), k, workspace).map_err(failed)?;
         app.metrics.vehicles.inc_by(found.forecasts.len() as u64);
-        let name = |vehicle: u32| changed.name(vehicle);
+        let name = |vehicle: u32| now.name(vehicle);
         let forecasts = found.forecasts.iter().map(|forecast| of_vehicle(forecast, &scene, every, &name));
         let reasons = found.left_out.iter().map(|out| LeftOut { id: name(out.vehicle), reason: reason(out.reason) });
         let missing = scene.missing.iter().map(|(id, reason)| LeftOut { id: id.clone(), reason: reason.clone() });
@@ -118,7 +119,7 @@ impl PredictRequest {
             model: app.model.name().to_owned(),
             simulated: scene.simulated || app.model.is_simulated(),
             recording: scene.recording.clone(),
-            time_s: changed.time_s(),
+            time_s: now.time_s(),
             dt_s: every as f64 * app.model.shape().dt(),
             forecasts: forecasts.collect(),
             left_out: reasons.chain(missing).collect(),

@@ -53,7 +53,7 @@ fn what_if(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
         bencher.iter(|| black_box(Moment::at_frame(recording, frame, shape)).is_ok());
     });
     group.bench_function("changed", |bencher| {
-        bencher.iter(|| moment.changed(&changes).map(|changed| changed.vehicles().len()).is_ok());
+        bencher.iter(|| moment.changed(&changes).map(|changed| changed.now().vehicles().len()).is_ok());
     });
     let mut workspace = Workspace::new();
     group.bench_function(format!("forecasts/{name}"), |bencher| {

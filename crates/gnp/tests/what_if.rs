@@ -197,6 +197,45 @@ fn what_is_predicted_is_what_is_explained() {
     assert_eq!((asked.figures.len(), explained.figures.len()), (2, 0));
 }
 
+/// Nearly everyone whose leader is 10 m nearer gets less far, as long as drivers stay who they are; where they were known
+/// anew from the changed scene it was two in three. `--nocapture` prints the share.
+#[test]
+fn a_leader_who_is_nearer_holds_back() {
+    const NEARER_M: f32 = 10.;
+    let predictor = Scene::new().predictor;
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/ngsim");
+    let expect = Expectation { dataset: Dataset::NGSIM, rate_hz: None };
+    let (mut followers, mut held_back, mut farther) = (0u32, 0u32, 0f32);
+    for source in discover(&folder, Dataset::NGSIM).unwrap() {
+        for (recording, _) in read(&source, &expect).unwrap() {
+            let first = recording.tracks().iter().map(|track| track.first_frame).min().unwrap();
+            let last = recording.tracks().iter().map(|track| track.last_frame()).max().unwrap();
+            for frame in (first + 40..=last.min(first + 3000)).step_by(400) {
+                let moment = Moment::at_frame(&recording, frame, predictor.gnp().shape()).unwrap();
+                let forecasts = |changes: &[Change], only: Option<&[u32]>| {
+                    let changed = moment.changed(changes).unwrap();
+                    predictor.forecasts(&changed, only, 1, &mut Workspace::new()).unwrap()
+                };
+                let before = forecasts(&[], None);
+                for was in before.forecasts.iter().filter(|it| it.past == Past::Full) {
+                    let there = |leader: &u32| before.forecasts.iter().find(|it| it.vehicle == *leader);
+                    let Some(leader) = was.leader.as_ref().and_then(there) else { continue };
+                    if leader.at[0] - was.at[0] - (leader.size[0] + was.size[0]) / 2. < NEARER_M + 1. {
+                        continue;
+                    }
+                    let after = forecasts(&[moved(leader.vehicle, [-NEARER_M, 0.])], Some(&[was.vehicle]));
+                    let by = end(of(&after, was.vehicle))[0] - end(was)[0];
+                    followers += 1;
+                    held_back += u32::from(by < 0.);
+                    farther += by;
+                }
+            }
+        }
+    }
+    println!("{held_back} of {followers} get less far, {:.2} m on average", -farther / followers as f32);
+    assert!(followers > 200 && f64::from(held_back) > 0.85 * f64::from(followers), "{held_back} of {followers}");
+}
+
 #[test]
 fn forecasts_follow_what_is_changed() {
     let scene = Scene::new();
@@ -240,7 +279,7 @@ fn forecasts_follow_what_is_changed() {
     let only = scene.predictor.forecasts(&scene.changed(&[]), Some(&[follower]), K, &mut Workspace::new()).unwrap();
     assert_eq!(only.forecasts.iter().map(|it| it.vehicle).collect::<Vec<_>>(), [follower]);
     let onto = scene.changed(&[moved(leader, [was.at[0] - of(&as_it_is, leader).at[0], 0.])]);
-    assert!(onto.scene().overlaps().iter().any(|pair| pair.contains(&leader) && pair.contains(&follower)));
+    assert!(onto.now().scene().overlaps().iter().any(|pair| pair.contains(&leader) && pair.contains(&follower)));
     assert!(scene.predictor.forecasts(&onto, None, K, &mut Workspace::new()).unwrap().left_out.is_empty());
 }
 

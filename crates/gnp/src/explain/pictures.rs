@@ -29,7 +29,7 @@ pub(crate) fn pictures(
         None => Scene::seen(&before, forecast, what.clone()),
     };
     // What happened did not happen in the changed scene.
-    let seen = changed.scene().observation(key.vehicle)?;
+    let seen = changed.now().scene().observation(key.vehicle)?;
     let after_it = Scene::seen(&seen, after.forecast.clone(), what);
     let marks = marks(&before, &seen, changed, changes);
     let (from, to) = (before.origin(), seen.origin());
@@ -66,7 +66,7 @@ fn marks(before: &Observation<'_>, after: &Observation<'_>, changed: &ChangedMom
     let spoken_of: BTreeSet<u32> = edits.chain(leader).collect();
     let mark = |number: u32| {
         let (before, after) = (at(&was, number), at(&is, number));
-        (before.is_some() || after.is_some()).then(|| Mark { label: changed.name(number), before, after })
+        (before.is_some() || after.is_some()).then(|| Mark { label: changed.now().name(number), before, after })
     };
     spoken_of.into_iter().filter_map(mark).collect()
 }

@@ -72,8 +72,14 @@ impl Moment {
         self.scene.snapshot()
     }
 
-    /// The scene without a change.
-    pub(crate) fn scene(&self) -> &EditedScene {
+    /// The vehicles that are there, by growing number.
+    pub fn vehicles(&self) -> impl ExactSizeIterator<Item = Present<'_>> {
+        self.snapshot().vehicles()
+    }
+
+    /// The same as a scene that can be changed further.
+    #[must_use]
+    pub fn scene(&self) -> &EditedScene {
         &self.scene
     }
 
@@ -101,13 +107,7 @@ impl Moment {
     /// For the first one that cannot be made. Terms of the force are not looked at: that does
     /// [`ScenePredictor`](super::ScenePredictor), who has a model.
     pub fn changed(&self, changes: &[Change]) -> Result<ChangedMoment, ChangeError> {
-        let mut changed = ChangedMoment {
-            scene: self.scene.clone(),
-            frame: self.frame,
-            time_s: self.time_s,
-            goals: BTreeMap::new(),
-            without_terms: Vec::new(),
-        };
+        let mut changed = ChangedMoment { now: self.clone(), goals: BTreeMap::new(), without_terms: Vec::new() };
         for (index, change) in changes.iter().enumerate() {
             changed.apply(index, change).map_err(|problem| {
                 let named = change.vehicle().map(|vehicle| (vehicle, self.called(change, vehicle)));
@@ -129,9 +129,7 @@ impl Moment {
 /// A [`Moment`] with changes.
 #[derive(Clone, Debug)]
 pub struct ChangedMoment {
-    scene: EditedScene,
-    frame: u32,
-    time_s: f64,
+    now: Moment,
     /// By vehicle, forward and left of where it is, m.
     goals: BTreeMap<u32, [f32; 2]>,
     /// Which change it was, and the name of the term.
@@ -142,7 +140,7 @@ impl ChangedMoment {
     fn apply(&mut self, index: usize, change: &Change) -> Result<(), ChangeProblem> {
         match change {
             Change::Scene(edit) => {
-                self.scene.apply(edit).map_err(|error| self.problem(error))?;
+                self.now.scene.apply(edit).map_err(|error| self.problem(error))?;
                 if let SceneEdit::Remove { vehicle } = edit {
                     self.goals.remove(vehicle);
                 }
@@ -151,7 +149,7 @@ impl ChangedMoment {
                 return Err(ChangeProblem::Goal { x: *x, y: *y });
             }
             Change::Goal { vehicle, at } => {
-                self.scene.present(*vehicle).map_err(|error| self.problem(error))?;
+                self.now.scene.present(*vehicle).map_err(|error| self.problem(error))?;
                 self.goals.insert(*vehicle, *at);
             }
             Change::WithoutTerm(term) => self.without_terms.push((index, term.clone())),
@@ -163,40 +161,17 @@ impl ChangedMoment {
         let said = source.to_string();
         match source {
             SceneEditError::Absent { .. } | SceneEditError::Removed { .. } => {
-                let there = listed(self.scene.numbers(), |number| self.name(number));
+                let there = listed(self.now.scene.numbers(), |number| self.now.name(number));
                 ChangeProblem::Absent { source, said, there }
             }
             source => ChangeProblem::Scene { source, said },
         }
     }
 
-    /// Frame of the recording.
+    /// The moment as it is now.
     #[must_use]
-    pub fn frame(&self) -> u32 {
-        self.frame
-    }
-
-    /// Time on the clock of the recording, s.
-    #[must_use]
-    pub fn time_s(&self) -> f64 {
-        self.time_s
-    }
-
-    /// The scene as it is now.
-    #[must_use]
-    pub fn scene(&self) -> &EditedScene {
-        &self.scene
-    }
-
-    /// The vehicles that are there, by growing number.
-    pub fn vehicles(&self) -> impl ExactSizeIterator<Item = Present<'_>> {
-        self.scene.snapshot().vehicles()
-    }
-
-    /// What a vehicle is called in the data.
-    #[must_use]
-    pub fn name(&self, vehicle: u32) -> String {
-        self.scene.snapshot().recording().vehicle_name(vehicle).into_owned()
+    pub fn now(&self) -> &Moment {
+        &self.now
     }
 
     /// Where a vehicle is drawn to, forward and left of where it is, m, if that was changed.

@@ -123,7 +123,7 @@ impl ScenePredictor {
         let asked = |present: &Present<'_>| only.is_none_or(|only| only.contains(&present.vehicle()));
         let mut out = SceneForecasts::default();
         let (mut free, mut seen, mut forced) = (Vec::new(), Vec::new(), Vec::new());
-        for present in moment.vehicles().filter(asked) {
+        for present in moment.now().vehicles().filter(asked) {
             let vehicle = present.vehicle();
             match (present.observation(), moment.goal(vehicle)) {
                 (None, _) => out.left_out.push(LeftOut { vehicle, reason: Unpredicted::NoVelocity }),
@@ -176,7 +176,8 @@ impl ScenePredictor {
         let as_it_is = self.explained(&moment.changed(&[])?, vehicle, k)?;
         let moment_now = moment.changed(changes)?;
         let changed = if changes.is_empty() { None } else { Some(self.explained(&moment_now, vehicle, k)?) };
-        let words: Vec<String> = changes.iter().map(|change| change.words(|number| moment_now.name(number))).collect();
+        let words: Vec<String> =
+            changes.iter().map(|change| change.words(|number| moment_now.now().name(number))).collect();
         let seen = moment.scene().observation(vehicle)?;
         let explained = Explained {
             // A snapshot may count frames otherwise.
@@ -192,7 +193,7 @@ impl ScenePredictor {
 
     fn explained(&self, moment: &ChangedMoment, vehicle: u32, k: usize) -> Result<ExplainedForecast> {
         let gnp = self.with_terms_of(moment)?.explaining(true);
-        let seen = moment.scene().observation(vehicle)?;
+        let seen = moment.now().scene().observation(vehicle)?;
         let found = match moment.goal(vehicle) {
             Some(goal) => gnp.predict_towards(&[seen], &[vec![goal]])?,
             None => gnp.predict(&[seen], k)?,
@@ -202,7 +203,7 @@ impl ScenePredictor {
         let Some(account) = account else {
             bail!(Unavailable, "the model has no physics to explain its forecasts by; train its repulsion");
         };
-        let account = account.named_as_in(moment.scene().snapshot().recording());
+        let account = account.named_as_in(moment.now().snapshot().recording());
         Ok(ExplainedForecast { at: seen.origin(), account, forecast })
     }
 
