@@ -358,25 +358,34 @@ fn roll_out(
         target.leader = None;
     }
     for (i, it) in vehicles.iter().enumerate() {
-        let mut rule = 0.;
-        let ahead = match it.behind {
-            SeenBehind::Leader => it.leader.and_then(|leader| followers.get(leader)).map(|ahead| {
-                let distance = ahead.position - it.position;
-                (distance, ahead.length, ahead.speed)
-            }),
+        // Distance, length and speed of whom it follows now, and of whom it was seen behind.
+        let ahead = |leader: Option<usize>| {
+            let ahead = followers.get(leader?)?;
+            Some((ahead.position - it.position, ahead.length, ahead.speed))
+        };
+        let now = ahead(followers[i].leader);
+        let then = match it.behind {
+            SeenBehind::Leader => ahead(it.leader),
             SeenBehind::Nobody => None,
             SeenBehind::Other { distance, motion, length } => Some((distance, length, speed(&motion))),
         };
-        if let Some((distance, length, ahead_speed)) = ahead {
-            let own = &mut followers[i];
-            let body = (length + own.length) / 2.;
-            let gap = (distance - body).max(LEAST_GAP) - drivers.standstill_gap;
+        let own = &mut followers[i];
+        if let Some((distance, length, _)) = then {
+            let gap = (distance - (length + own.length) / 2.).max(LEAST_GAP) - drivers.standstill_gap;
             let kept = (gap / own.speed.max(LEAST_SPEED)).clamp(TIME_GAPS[0], TIME_GAPS[1]);
             own.driver.time_gap += drivers.own_gap * (kept - own.driver.time_gap);
-            rule = following_acceleration(distance, body, own.speed, ahead_speed, &own.driver);
         }
+        let rule = |ahead: Option<(f64, f64, f64)>| {
+            ahead.map_or(0., |(distance, length, speed)| {
+                following_acceleration(distance, (length + own.length) / 2., own.speed, speed, &own.driver)
+            })
+        };
+        // Who does not brake as the rule asks of him so near his leader does not speed up for it once that one is gone: a habit
+        // makes up for no more of the rule than there is now.
+        let asks = rule(now);
+        let made_up_for = rule(then).clamp(asks.min(0.), asks.max(0.));
         let (share, measured) = measured(&it.motion);
-        followers[i].habit = measured - share * rule;
+        own.habit = measured - share * made_up_for;
     }
     if let Some(target) = followers.get_mut(Traffic::TARGET).filter(|_| !habit) {
         target.habit = 0.;
