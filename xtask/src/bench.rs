@@ -14,6 +14,7 @@ mod peer;
 mod roofline;
 mod speed;
 mod traffic;
+mod training;
 
 use gnp_cli::Terminal;
 use std::process::Command;

@@ -27,8 +27,10 @@ use crate::ProbabilityHead;
 use crate::block::BlockMasks;
 use crate::pick::Picked;
 
-/// Groups that the windows of a batch are shared out in.
+/// Groups at most that the windows of a batch are shared out in, and the fewest windows of one: each group has gradients of
+/// its own.
 const GROUPS: usize = 16;
+const GROUP: usize = 4;
 
 /// Values (4 bytes each) that the forward pass of a batch may leave for the backward pass; windows beyond go forward
 /// once more before they go backward. Also what waits for the next batch at most.
@@ -167,7 +169,7 @@ impl Operation {
 
     /// Windows of a group.
     fn group(&self) -> usize {
-        self.batch.div_ceil(GROUPS).max(1)
+        self.batch.div_ceil(GROUPS).max(GROUP)
     }
 
     fn present(&self, window: usize) -> &[bool] {
@@ -195,7 +197,8 @@ impl Operation {
 
     fn window<'a>(&self, given: &Given<'a>, index: usize, keys: &'a [f32]) -> Window<'a> {
         let observed = &given.observed[index * self.shape.width..][..self.shape.width];
-        Window { index, modes: given.modes, observed, keys }
+        let first = self.masks.first().map_or(0, |masks| masks.attention.first_window());
+        Window { index: first + index, modes: given.modes, observed, keys }
     }
 
     fn forward(&self, given: &Given<'_>) -> Vec<f32> {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use candle_core::{D, Tensor, Var};
 use gnp_data::{Truth, Window, WindowId, WindowSet, nearest_to_mean};
 use gnp_nn::Weights;
-use gnp_train::{BatchTotals, EpochReport, Observer, Plan, Stage, TrainError, Windows, derive_seed};
+use gnp_train::{BatchTotals, EpochReport, Observer, Part, Plan, Stage, TrainError, Windows, derive_seed};
 
 use crate::gauss::mixture_nll;
 use crate::kind::NeuralBaseline;
@@ -163,10 +163,10 @@ impl Stage for RecipeStage<'_> {
         Windows::new(self.set, self.validation).sites()
     }
 
-    fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
-        let windows = self.windows(self.train, batch)?;
+    fn loss(&self, part: Part<'_>) -> Result<Tensor, TrainError> {
+        let windows = self.windows(self.train, part.windows)?;
         let variations: Vec<Variation> =
-            (0..batch.len()).map(|i| drawn(self.recipe, derive_seed(step_seed, i as u64))).collect();
+            (0..windows.len()).map(|i| drawn(self.recipe, derive_seed(part.seed, i as u64))).collect();
         let clock = self.net.inputs.clock;
         let manoeuvre = |(window, variation): (&Window<'_>, &Variation)| {
             let recorded = Manoeuvre::of(window, clock);

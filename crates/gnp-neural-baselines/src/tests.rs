@@ -8,7 +8,7 @@ use candle_core::{Device, Tensor};
 use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Forecast, OraclePredictor, Predictor, Recording, Window, WindowId, WindowSet};
 use gnp_nn::Weights;
-use gnp_train::{BatchReport, Observer, Schedule, Stage, TrainError};
+use gnp_train::{BatchReport, Observer, Part, Schedule, Stage, TrainError};
 
 use crate::checkpoint::{Checkpoint, Header};
 use crate::learned::inputs;
@@ -96,8 +96,8 @@ fn gradients_are_differences_and_reach_every_weight() {
     for kind in TRAINED {
         with_stage(kind, &recipe(), 100, |stage| {
             let batch = [0, 11, 23];
-            let loss = || f64::from(stage.loss(&batch, 0).unwrap().to_scalar::<f32>().unwrap());
-            let grads = stage.loss(&batch, 0).unwrap().backward().unwrap();
+            let loss = || f64::from(stage.loss(Part::whole(&batch, 0)).unwrap().to_scalar::<f32>().unwrap());
+            let grads = stage.loss(Part::whole(&batch, 0)).unwrap().backward().unwrap();
             for (name, var) in stage.trainable() {
                 let grad = grads.get(&var).unwrap_or_else(|| panic!("{kind:?}: no gradient for {name}"));
                 let grad = grad.flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -136,7 +136,8 @@ fn gradients_are_differences_and_reach_every_weight() {
 fn classes_count_beside_a_squared_error_as_they_do_in_feet() {
     let loss = |epochs: usize, class_loss, unit_m| {
         let recipe = Recipe { class_loss, class_loss_in_warm_up: true, unit_m, ..recipe() };
-        let loss = |stage: &RecipeStage<'_>| stage.loss(&[0, 11, 23], 0).unwrap().to_scalar::<f32>().unwrap();
+        let loss =
+            |stage: &RecipeStage<'_>| stage.loss(Part::whole(&[0, 11, 23], 0)).unwrap().to_scalar::<f32>().unwrap();
         with_stage(NeuralBaseline::Stdan, &recipe, epochs, loss)
     };
     let classes = |epochs, unit_m| loss(epochs, ClassLoss::Categorical, unit_m) - loss(epochs, ClassLoss::None, unit_m);
@@ -252,9 +253,9 @@ fn the_share_that_is_believed_is_the_best_one() {
 fn windows_are_varied_as_the_recipe_says() {
     let differs = |recipe: Recipe| {
         with_stage(NeuralBaseline::CsLstm, &recipe, 0, |stage| {
-            let loss = |seed| stage.loss(&[5], seed).unwrap().to_scalar::<f32>().unwrap();
+            let loss = |seed| stage.loss(Part::whole(&[5], seed)).unwrap().to_scalar::<f32>().unwrap();
             let recorded = with_stage(NeuralBaseline::CsLstm, &self::recipe(), 0, |plain| {
-                plain.loss(&[5], 0).unwrap().to_scalar::<f32>().unwrap()
+                plain.loss(Part::whole(&[5], 0)).unwrap().to_scalar::<f32>().unwrap()
             });
             (0..60).filter(|seed| loss(*seed) != recorded).count()
         })

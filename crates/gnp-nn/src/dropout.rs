@@ -15,13 +15,21 @@ pub struct Dropout {
     rate: f32,
     seed: u64,
     drawn: u64,
+    first: usize,
 }
 
 impl Dropout {
     /// Drops a share `rate` (0 to below 1) of the values; the masks are fixed by `seed`.
     #[must_use]
     pub fn new(rate: f32, seed: u64) -> Self {
-        Self { rate: rate.clamp(0., 0.99), seed, drawn: 0 }
+        Self { rate: rate.clamp(0., 0.99), seed, drawn: 0, first: 0 }
+    }
+
+    /// The same for windows of a batch from window `first` on: each has the masks that it has in the whole batch. On the
+    /// CPU alone.
+    #[must_use]
+    pub fn from_window(self, first: usize) -> Self {
+        Self { first, ..self }
     }
 
     /// `x` with dropped values set to 0 and the others scaled by `1 / (1 - rate)`; any shape.
@@ -42,6 +50,7 @@ impl Dropout {
             // Values are kept where a uniform 32-bit hash reaches this; rate 0 keeps all.
             dropped_below: (f64::from(self.rate) * 4_294_967_296.) as u32,
             kept: 1. / (1. - self.rate),
+            first: self.first,
         }
     }
 }
@@ -53,11 +62,12 @@ pub struct DropoutMask {
     high: u32,
     dropped_below: u32,
     kept: f32,
+    first: usize,
 }
 
 impl DropoutMask {
     /// A mask that keeps everything as it is.
-    pub const NONE: Self = Self { low: 0, high: 0, dropped_below: 0, kept: 1. };
+    pub const NONE: Self = Self { low: 0, high: 0, dropped_below: 0, kept: 1., first: 0 };
 
     /// Whether it keeps everything as it is.
     #[must_use]
@@ -65,19 +75,29 @@ impl DropoutMask {
         self.dropped_below == 0
     }
 
-    /// `x` with the mask applied; any shape.
+    /// Place in the batch of the first window that it is for ([`Dropout::from_window`]).
+    #[must_use]
+    pub fn first_window(&self) -> usize {
+        self.first
+    }
+
+    /// `x` `[windows, ..]` with the mask applied.
     ///
     /// # Errors
-    /// When candle cannot make or multiply the mask.
+    /// When candle cannot make or multiply the mask, or on a GPU for windows that are not the first of their batch.
     pub fn apply(&self, x: &Tensor) -> Result<Tensor> {
         if self.is_none() {
             return Ok(x.clone());
         }
         if x.device().is_cuda() {
+            if self.first > 0 {
+                candle_core::bail!("on a GPU a mask begins with the first window of a batch, not with {}", self.first);
+            }
             let width = x.dim(D::Minus1)?;
             return x * self.outer(x.elem_count() / width.max(1), width, x.device())?.reshape(x.shape())?;
         }
-        let mask: Vec<f32> = (0..x.elem_count()).map(|i| self.factor(i)).collect();
+        let first = self.first * x.dims().iter().skip(1).product::<usize>();
+        let mask: Vec<f32> = (first..first + x.elem_count()).map(|i| self.factor(i)).collect();
         x * Tensor::from_vec(mask, x.shape(), x.device())?
     }
 
@@ -178,6 +198,15 @@ mod tests {
             assert!((share - 0.1).abs() < 0.0055, "{share}");
             assert!(kept.iter().all(|factor| (factor - 1. / 0.9).abs() < 1e-6));
         }
+    }
+
+    #[test]
+    fn windows_of_a_part_have_the_masks_that_they_have_in_the_batch() -> Result<()> {
+        let x = Tensor::ones((7, 3, 5), DType::F32, &Device::Cpu)?;
+        let whole = Dropout::new(0.5, 3).apply(&x)?;
+        let part = Dropout::new(0.5, 3).from_window(4).apply(&x.narrow(0, 4, 3)?)?;
+        assert_eq!(part.to_vec3::<f32>()?, whole.narrow(0, 4, 3)?.to_vec3::<f32>()?);
+        Ok(())
     }
 
     #[test]

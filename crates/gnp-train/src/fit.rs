@@ -5,7 +5,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use candle_core::{Device, Tensor, Var};
-use gnp_nn::LaunchCache;
 use rand::seq::SliceRandom;
 use rand::{Rng as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -16,9 +15,10 @@ use crate::error::TrainError;
 use crate::history::{EpochRecord, ValidationScore};
 use crate::observer::{BatchReport, EpochReport, Observer, Plan};
 use crate::optimiser::{Adam, host, matching};
+use crate::parts::{self, Made};
 use crate::schedule::Position;
 use crate::seed::derive_seed;
-use crate::stage::{BatchTotals, Stage};
+use crate::stage::{BatchTotals, Part, Stage};
 use crate::state::{Best, CheckpointSlot, Progress, Sink, TrainingState};
 
 /// Trains stages: mini-batches in seeded order, validation after each epoch, early stopping,
@@ -256,13 +256,11 @@ impl<'a> Run<'a> {
 
     fn step(&mut self, batch: usize, windows: &[usize], learning_rate: f64) -> Result<BatchReport, TrainError> {
         let seed = derive_seed(derive_seed(self.config.seed, 1), self.progress.steps);
-        let tensor = self.stage.loss(windows, seed)?;
-        let loss = tensor.to_scalar::<f32>()?;
+        let Made { loss, gradients } = parts::made(self.stage, Part::whole(windows, seed))?;
         if !loss.is_finite() {
             return Err(self.diverged("the loss".to_owned(), loss.into(), batch));
         }
-        let _sent = LaunchCache::on(tensor.device());
-        let step = self.adam.step(&tensor.backward()?, learning_rate)?;
+        let step = self.adam.step(&gradients, learning_rate)?;
         if !step.silent.is_empty() && !self.warned {
             warn!(stage = self.stage.name(), weights = ?step.silent, "the loss does not reach these weights");
             self.warned = true;
@@ -301,12 +299,10 @@ impl<'a> Run<'a> {
         let mut scored = Vec::with_capacity(by_site.len());
         for windows in by_site.into_values() {
             let weight = (windows.len() as f64).powf(-balance);
+            let Some(batches) = parts::scored(self.stage, &windows, self.config.batch, stop) else { return Ok(None) };
             let mut sums = BatchTotals::default();
-            for batch in windows.chunks(self.config.batch) {
-                if stop.load(Ordering::Relaxed) {
-                    return Ok(None);
-                }
-                if !sums.add(&self.stage.validate(batch)?) {
+            for batch in batches {
+                if !sums.add(&batch?) {
                     return Err(TrainError::Validation { stage, problem: "validation scores change their names" });
                 }
             }

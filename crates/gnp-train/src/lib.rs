@@ -13,7 +13,7 @@
 //! ```
 //! use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 //! use candle_core::{Device, Tensor, Var};
-//! use gnp_train::{CheckpointSlot, Schedule, Sink, Stage, TrainingState, BatchTotals, TrainConfig, TrainError, Trainer};
+//! use gnp_train::{BatchTotals, CheckpointSlot, Part, Schedule, Sink, Stage, TrainConfig, TrainError, Trainer, TrainingState};
 //!
 //! struct Offset(Var); // learns the number 3
 //! impl Offset {
@@ -26,7 +26,7 @@
 //!     fn trainable(&self) -> BTreeMap<String, Var> { [("offset".to_owned(), self.0.clone())].into() }
 //!     fn train_len(&self) -> usize { 20 }
 //!     fn validation_len(&self) -> usize { 4 }
-//!     fn loss(&self, _: &[usize], _: u64) -> Result<Tensor, TrainError> { Ok(self.error()?) }
+//!     fn loss(&self, _: Part<'_>) -> Result<Tensor, TrainError> { Ok(self.error()?) }
 //!     fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
 //!         let error = f64::from(self.error()?.to_scalar::<f32>()?);
 //!         Ok(BatchTotals::new(batch.len(), [("squared_error", error * batch.len() as f64)]))
@@ -57,6 +57,7 @@ mod fit;
 mod history;
 mod observer;
 mod optimiser;
+mod parts;
 mod schedule;
 mod seed;
 mod stage;
@@ -73,6 +74,6 @@ pub use crate::observer::{BatchReport, EpochReport, Observer, Plan};
 pub use crate::optimiser::{Adam, Step};
 pub use crate::schedule::{Position, Schedule};
 pub use crate::seed::derive_seed;
-pub use crate::stage::{BatchTotals, Stage};
+pub use crate::stage::{BatchTotals, Part, Stage};
 pub use crate::stages::{GoalStage, GoalTraining, PathStage, PathTraining, Windows};
 pub use crate::state::{Best, CheckpointSlot, Progress, Sink, TrainingState};

@@ -73,26 +73,32 @@ impl Adam {
         self.steps
     }
 
-    /// Moves every weight by one step at learning rate `rate`.
+    /// Moves every weight by one step at learning rate `rate` along the sum of `gradients`, those of the parts of a
+    /// mini-batch.
     ///
     /// # Errors
     /// [`TrainError::Gradient`] with the first weight whose gradient is not finite; then no weight
     /// has moved. [`TrainError::Tensor`] when a gradient cannot be read.
-    pub fn step(&mut self, gradients: &GradStore, rate: f64) -> Result<Step, TrainError> {
-        let unreached =
-            |(name, weight): (&String, &Moments)| gradients.get(weight.var.as_tensor()).is_none().then(|| name.clone());
-        let silent: Vec<String> = self.weights.iter().filter_map(unreached).collect();
+    pub fn step(&mut self, gradients: &[GradStore], rate: f64) -> Result<Step, TrainError> {
+        let sum = |weight: &Moments| sum_of(gradients, &weight.var);
+        let weights: Vec<&Moments> = self.weights.values().collect();
+        // Each weight by itself, its parts in order, whoever adds them up.
+        let sums: Vec<Option<Tensor>> = match self.flat {
+            None => weights.into_par_iter().map(sum).collect::<candle_core::Result<_>>()?,
+            Some(_) => weights.into_iter().map(sum).collect::<candle_core::Result<_>>()?,
+        };
+        let unreached = self.weights.keys().zip(&sums).filter(|(_, sum)| sum.is_none());
+        let silent = unreached.map(|(name, _)| name.clone()).collect();
         let gradient_norm = match &mut self.flat {
-            None => self.step_on_host(gradients, rate)?,
+            None => self.step_on_host(&sums, rate)?,
             Some(flat) => {
-                let Some((gradient, norm)) =
-                    flat.gradient(self.weights.values().map(|weight| &weight.var), gradients)?
-                else {
-                    return Err(self.not_finite(gradients)?);
+                let vars = || self.weights.values().map(|weight| &weight.var);
+                let Some((gradient, norm)) = flat.gradient(vars().zip(&sums))? else {
+                    return Err(self.not_finite(&sums)?);
                 };
                 self.steps += 1;
                 let update = Update::new(self.steps, rate, self.weight_decay, scale(self.clip_norm, norm));
-                flat.step(self.weights.values().map(|weight| &weight.var), &gradient, &update)?;
+                flat.step(vars(), &gradient, &update)?;
                 norm
             }
         };
@@ -100,10 +106,10 @@ impl Adam {
     }
 
     /// The error of the first weight whose gradient is not finite, or of the largest where only their norm is not.
-    fn not_finite(&self, gradients: &GradStore) -> Result<TrainError, TrainError> {
+    fn not_finite(&self, gradients: &[Option<Tensor>]) -> Result<TrainError, TrainError> {
         let mut largest = (0., String::new());
-        for (name, weight) in &self.weights {
-            let Some(gradient) = gradients.get(weight.var.as_tensor()) else { continue };
+        for (name, gradient) in self.weights.keys().zip(gradients) {
+            let Some(gradient) = gradient else { continue };
             let square: f64 = host(gradient)?.iter().map(|g| f64::from(*g) * f64::from(*g)).sum();
             if !square.is_finite() {
                 return Ok(TrainError::Gradient { weight: name.clone() });
@@ -116,11 +122,10 @@ impl Adam {
     }
 
     /// A step on the host; the norm of the gradient.
-    fn step_on_host(&mut self, gradients: &GradStore, rate: f64) -> Result<f64, TrainError> {
+    fn step_on_host(&mut self, gradients: &[Option<Tensor>], rate: f64) -> Result<f64, TrainError> {
         let mut weights: Vec<(&String, &mut Moments)> = self.weights.iter_mut().collect();
-        let gradient = |weight: &Moments| gradients.get(weight.var.as_tensor()).map(on_host).transpose();
         let found: Vec<Option<Tensor>> =
-            weights.iter().map(|(_, weight)| gradient(weight)).collect::<candle_core::Result<_>>()?;
+            gradients.iter().map(|of| of.as_ref().map(on_host).transpose()).collect::<candle_core::Result<_>>()?;
         let square = |gradient: &Option<Tensor>| -> candle_core::Result<f64> {
             let Some(gradient) = gradient else { return Ok(0.) };
             Ok(read(gradient)?.iter().map(|g| f64::from(*g) * f64::from(*g)).sum())
@@ -258,6 +263,13 @@ impl InplaceOp2 for InPlace<'_> {
     }
 }
 
+/// The sum of what `parts` have for `var`, in their order; nothing where none of them has anything.
+fn sum_of(parts: &[GradStore], var: &Var) -> candle_core::Result<Option<Tensor>> {
+    let mut found = parts.iter().filter_map(|part| part.get(var.as_tensor()));
+    let Some(first) = found.next() else { return Ok(None) };
+    found.try_fold(first.clone(), |sum, more| sum + more).map(Some)
+}
+
 /// What shortens a gradient of this norm to `clip_norm`, if that is above 0 and the gradient is longer.
 fn scale(clip_norm: f64, gradient_norm: f64) -> f32 {
     if clip_norm > 0. && gradient_norm > clip_norm { (clip_norm / gradient_norm) as f32 } else { 1. }
@@ -293,12 +305,12 @@ mod tests {
     }
 
     /// Gradient of `sum(c * w)` is `c`.
-    fn gradients(pairs: &[(&Var, &[f32])]) -> GradStore {
+    fn gradients(pairs: &[(&Var, &[f32])]) -> [GradStore; 1] {
         let term = |(var, c): &(&Var, &[f32])| {
             (var.as_tensor() * Tensor::new(*c, &Device::Cpu).unwrap()).unwrap().sum_all().unwrap()
         };
         let terms: Vec<Tensor> = pairs.iter().map(term).collect();
-        Tensor::stack(&terms, 0).unwrap().sum_all().unwrap().backward().unwrap()
+        [Tensor::stack(&terms, 0).unwrap().sum_all().unwrap().backward().unwrap()]
     }
 
     fn adam(named: &[(&str, &Var)], weight_decay: f64, clip_norm: f64) -> Adam {
@@ -365,6 +377,27 @@ mod tests {
     }
 
     #[test]
+    fn parts_of_a_batch_add_up_and_a_weight_is_silent_if_no_part_reaches_it() {
+        let moved = |parts: &[&[(usize, f32)]]| {
+            let vars = [var(&[1.]), var(&[2.]), var(&[3.])];
+            let gradient = |part: &&[(usize, f32)]| {
+                let term = |(i, c): &(usize, f32)| (vars[*i].as_tensor() * f64::from(*c)).unwrap();
+                let terms: Vec<Tensor> = part.iter().map(term).collect();
+                Tensor::stack(&terms, 0).unwrap().sum_all().unwrap().backward().unwrap()
+            };
+            let gradients: Vec<GradStore> = parts.iter().map(gradient).collect();
+            let names = [("a", &vars[0]), ("b", &vars[1]), ("c", &vars[2])];
+            let step = adam(&names, 0., 1.).step(&gradients, 0.1).unwrap();
+            (step, vars.map(|var| host(var.as_tensor()).unwrap()))
+        };
+        let (apart, values) = moved(&[&[(0, 1.), (1, -2.)], &[(1, 0.5)], &[(0, 2.)]]);
+        let (together, same) = moved(&[&[(0, 3.), (1, -1.5)]]);
+        assert_eq!((&apart, &values), (&together, &same));
+        assert!((apart.gradient_norm - 11.25f64.sqrt()).abs() < 1e-12);
+        assert_eq!((apart.silent, &values[2]), (vec!["c".to_owned()], &vec![3.]));
+    }
+
+    #[test]
     fn a_weight_out_of_reach_is_named_and_stays() {
         let (a, b) = (var(&[1.]), var(&[2.]));
         let step = adam(&[("a", &a), ("b", &b)], 0., 0.).step(&gradients(&[(&a, &[1.])]), 0.1).unwrap();
@@ -378,7 +411,7 @@ mod tests {
         let w = Var::from_vec(vec![0f32; 6], (2, 3), &Device::Cpu).unwrap();
         let c = Tensor::new(&[[1f32, -1.], [1., 1.], [-1., 1.]], &Device::Cpu).unwrap();
         let loss = (w.as_tensor().t().unwrap() * c).unwrap().sum_all().unwrap();
-        adam(&[("w", &w)], 0., 0.).step(&loss.backward().unwrap(), 0.1).unwrap();
+        adam(&[("w", &w)], 0., 0.).step(&[loss.backward().unwrap()], 0.1).unwrap();
         assert_close(&w, &[-0.1, -0.1, 0.1, 0.1, -0.1, -0.1]);
     }
 

@@ -6,8 +6,8 @@ use candle_core::{Tensor, Var};
 
 use crate::error::TrainError;
 
-/// A network with its windows and its loss: goals, attraction or repulsion.
-pub trait Stage {
+/// A network with its windows and its loss: goals, attraction or repulsion. Several threads ask it at once.
+pub trait Stage: Sync {
     /// Name in messages, histories and curves, such as `goal`.
     fn name(&self) -> &'static str;
 
@@ -31,12 +31,19 @@ pub trait Stage {
         Vec::new()
     }
 
-    /// Mean loss over the training windows at the indices `batch`, a scalar. Every draw (dropout,
-    /// noise) is fixed by `step_seed`.
+    /// Windows of a part of a mini-batch, whose loss and gradient one thread makes by itself; threads share out the parts.
+    /// The loss of the batch is the mean of the parts' losses, weighted by their windows. Nothing, which is the default,
+    /// for the whole batch at once: where windows are looked at together (batch normalisation), and on a GPU.
+    fn part_windows(&self) -> Option<usize> {
+        None
+    }
+
+    /// Mean loss over the training windows of `part`, a scalar. Every draw (dropout, noise) is fixed by the part's seed
+    /// and the place of the window in the mini-batch.
     ///
     /// # Errors
     /// When a window cannot be read or the network fails.
-    fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError>;
+    fn loss(&self, part: Part<'_>) -> Result<Tensor, TrainError>;
 
     /// Scores over the validation windows at the indices `batch`; lower is better, and the first
     /// one chooses the best epoch.
@@ -44,6 +51,25 @@ pub trait Stage {
     /// # Errors
     /// When a window cannot be read or the network fails.
     fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError>;
+}
+
+/// A mini-batch, or windows on end of one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Part<'a> {
+    /// Indices of the training windows.
+    pub windows: &'a [usize],
+    /// Place of the first of them in the mini-batch.
+    pub first: usize,
+    /// Fixes what is drawn for the mini-batch.
+    pub seed: u64,
+}
+
+impl<'a> Part<'a> {
+    /// All windows of a mini-batch.
+    #[must_use]
+    pub fn whole(windows: &'a [usize], seed: u64) -> Self {
+        Self { windows, first: 0, seed }
+    }
 }
 
 /// Named sums over windows, so that their means are exact when batches differ in size.

@@ -4,14 +4,14 @@
 // clippy.toml allows these inside test functions alone; the toy and its files stand outside.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::error::Error;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 use candle_core::{Device, Tensor, Var};
 use gnp_train::{
-    BatchReport, BatchTotals, CheckpointSlot, End, EpochReport, Observer, Plan, Progress, Schedule, Sink, Stage,
+    BatchReport, BatchTotals, CheckpointSlot, End, EpochReport, Observer, Part, Plan, Progress, Schedule, Sink, Stage,
     TrainConfig, TrainError, Trainer, TrainingState,
 };
 use rand::{Rng, SeedableRng};
@@ -23,15 +23,17 @@ struct Line {
     offset: Var,
     /// Added to the validation score of each call in turn; then nothing.
     penalties: Vec<f64>,
-    calls: Cell<usize>,
+    calls: AtomicUsize,
     train: usize,
     validation: usize,
     nan_at: Option<u64>,
     /// Training and validation windows from these places on are of another site.
     other_site: Option<[usize; 2]>,
-    steps: Cell<u64>,
-    /// Windows and seed of every step.
-    asked: RefCell<Vec<(Vec<usize>, u64)>>,
+    steps: AtomicU64,
+    /// Windows, place of the first in the mini-batch, and seed of every step or part of one.
+    asked: Mutex<Vec<(Vec<usize>, usize, u64)>>,
+    /// Windows of a part of a batch.
+    part: Option<usize>,
 }
 
 impl Line {
@@ -41,13 +43,14 @@ impl Line {
             slope: zero(),
             offset: zero(),
             penalties: Vec::new(),
-            calls: Cell::new(0),
+            calls: AtomicUsize::new(0),
             train: 11,
             validation: 5,
             nan_at: None,
             other_site: None,
-            steps: Cell::new(0),
-            asked: RefCell::default(),
+            steps: AtomicU64::new(0),
+            asked: Mutex::default(),
+            part: None,
         }
     }
 
@@ -55,6 +58,11 @@ impl Line {
         let ys: Vec<f32> = xs.iter().zip(noise).map(|(x, e)| 2. * x - 1. + e).collect();
         let (x, y) = (Tensor::new(xs, &Device::Cpu)?, Tensor::new(ys, &Device::Cpu)?);
         (x.broadcast_mul(&self.slope)?.broadcast_add(&self.offset)? - y)?.sqr()
+    }
+
+    /// Windows, place of the first in the mini-batch, and seed of every step so far, or part of one.
+    fn asked(&self) -> Vec<(Vec<usize>, usize, u64)> {
+        self.asked.lock().unwrap().clone()
     }
 
     fn weights(&self) -> Vec<u32> {
@@ -88,20 +96,25 @@ impl Stage for Line {
         self.other_site.map_or_else(Vec::new, |[_, from]| (0..self.validation).map(|i| u32::from(i >= from)).collect())
     }
 
-    fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
-        self.asked.borrow_mut().push((batch.to_vec(), step_seed));
-        let xs: Vec<f32> = batch.iter().map(|i| *i as f32 / 10.).collect();
-        let mut rng = ChaCha8Rng::seed_from_u64(step_seed);
-        let noise: Vec<f32> = xs.iter().map(|_| rng.random_range(-0.1..0.1)).collect();
+    fn part_windows(&self) -> Option<usize> {
+        self.part
+    }
+
+    fn loss(&self, part: Part<'_>) -> Result<Tensor, TrainError> {
+        self.asked.lock().unwrap().push((part.windows.to_vec(), part.first, part.seed));
+        let xs: Vec<f32> = part.windows.iter().map(|i| *i as f32 / 10.).collect();
+        let mut rng = ChaCha8Rng::seed_from_u64(part.seed);
+        let noise = (0..part.first + xs.len()).map(|_| rng.random_range(-0.1..0.1));
+        let noise: Vec<f32> = noise.skip(part.first).collect();
         let loss = self.error(&xs, &noise)?.mean_all()?;
-        let step = self.steps.replace(self.steps.get() + 1);
+        let step = self.steps.fetch_add(1, Ordering::Relaxed);
         Ok(if self.nan_at == Some(step) { (loss * f64::NAN)? } else { loss })
     }
 
     fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
         let xs: Vec<f32> = batch.iter().map(|i| *i as f32 / 7.).collect();
         let sum = f64::from(self.error(&xs, &vec![0.; xs.len()])?.sum_all()?.to_scalar::<f32>()?);
-        let call = self.calls.replace(self.calls.get() + 1);
+        let call = self.calls.fetch_add(1, Ordering::Relaxed);
         let penalty = self.penalties.get(call).copied().unwrap_or(0.);
         Ok(BatchTotals::new(batch.len(), [("squared_error", sum + penalty), ("points", batch.len() as f64)]))
     }
@@ -222,18 +235,84 @@ fn the_same_seed_gives_the_same_bits_and_another_one_does_not() {
 fn every_epoch_sees_every_window_once_in_an_order_and_with_seeds_of_its_own() {
     let line = Line::new();
     train(&TrainConfig { epochs: 3, ..config() }, &line);
-    let asked = line.asked.borrow();
-    let mut seeds: Vec<u64> = asked.iter().map(|(_, seed)| *seed).collect();
+    let asked = line.asked();
+    let mut seeds: Vec<u64> = asked.iter().map(|(.., seed)| *seed).collect();
     seeds.sort_unstable();
     seeds.dedup();
     assert_eq!(seeds.len(), 3 * 4);
     let orders: Vec<Vec<usize>> =
-        asked.chunks(4).map(|epoch| epoch.iter().flat_map(|(windows, _)| windows.clone()).collect()).collect();
+        asked.chunks(4).map(|epoch| epoch.iter().flat_map(|(windows, ..)| windows.clone()).collect()).collect();
     assert!(orders[0] != orders[1] && orders[1] != orders[2] && orders[0] != orders[2], "{orders:?}");
     for mut order in orders {
         order.sort_unstable();
         assert_eq!(order, (0..11).collect::<Vec<_>>());
     }
+}
+
+/// Training on `threads` threads.
+fn train_on(threads: usize, config: &TrainConfig, stage: &Line) -> gnp_train::Outcome {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| train(config, stage).0)
+}
+
+#[test]
+fn a_batch_in_parts_is_the_same_on_any_number_of_threads() {
+    let run = |threads| {
+        let line = Line { part: Some(2), ..Line::new() };
+        let outcome = train_on(threads, &TrainConfig { batch: 5, ..config() }, &line);
+        (line.weights(), outcome.progress)
+    };
+    let one = run(1);
+    assert_eq!(run(2), one);
+    assert_eq!(run(7), one);
+}
+
+#[test]
+fn the_parts_of_a_batch_are_its_windows_in_order() {
+    let [whole, apart] = [None, Some(2)].map(|part| {
+        let line = Line { part, ..Line::new() };
+        train_on(1, &TrainConfig { batch: 5, epochs: 1, ..config() }, &line);
+        line.asked()
+    });
+    let (mut windows, mut places): (Vec<usize>, Vec<_>) = Default::default();
+    for (of_part, first, seed) in &apart {
+        windows.extend(of_part);
+        places.push((of_part.len(), *first, whole.iter().position(|(.., of_batch)| of_batch == seed).unwrap()));
+    }
+    assert_eq!(windows, whole.iter().flat_map(|(windows, ..)| windows).copied().collect::<Vec<_>>());
+    assert_eq!(places, [(2, 0, 0), (2, 2, 0), (1, 4, 0), (2, 0, 1), (2, 2, 1), (1, 4, 1), (1, 0, 2)]);
+    // Never more than 16 parts, since each has a gradient of every weight.
+    let line = Line { part: Some(2), train: 67, ..Line::new() };
+    train_on(1, &TrainConfig { batch: 67, epochs: 1, ..config() }, &line);
+    let sizes: Vec<usize> = line.asked().iter().map(|(windows, ..)| windows.len()).collect();
+    assert_eq!(sizes, [vec![5; 13], vec![2]].concat());
+}
+
+#[test]
+fn parts_give_the_loss_and_the_step_of_the_whole_batch() {
+    let [(weights, whole), (others, apart)] = [None, Some(2)].map(|part| {
+        let line = Line { part, ..Line::new() };
+        let (outcome, _) = train(&TrainConfig { batch: 5, ..config() }, &line);
+        (line.weights().into_iter().map(f32::from_bits).collect::<Vec<_>>(), outcome.progress.history)
+    });
+    for (a, b) in weights.iter().zip(&others) {
+        assert!((a - b).abs() < 1e-5, "{weights:?} {others:?}");
+    }
+    for (a, b) in whole.iter().zip(&apart) {
+        let pairs = a.validation.iter().zip(&b.validation).map(|(a, b)| (a.value, b.value));
+        for (a, b) in pairs.chain([(a.train_loss, b.train_loss)]) {
+            assert!((a - b).abs() < 1e-4, "{whole:?} {apart:?}");
+        }
+    }
+}
+
+#[test]
+fn a_bad_part_ends_training_as_a_bad_batch_does() {
+    // Three parts a batch: the fifth loss is of the second batch.
+    let line = Line { part: Some(1), nan_at: Some(4), ..Line::new() };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let message = pool.install(|| fails(&config(), &line)).to_string();
+    assert!(message.contains("epoch 1, batch 2") && message.contains("learning rate"), "{message}");
 }
 
 #[test]
@@ -290,7 +369,7 @@ fn the_best_epoch_is_kept_and_training_stops_after_the_patience() {
     let kinds = |kind| files.saved.iter().filter(|(k, ..)| *k == kind).count();
     assert_eq!((kinds(CheckpointSlot::Best), kinds(CheckpointSlot::Last)), (2, 5));
     // Without patience it goes to the end.
-    line.calls.set(0);
+    line.calls.store(0, Ordering::Relaxed);
     assert_eq!(train(&TrainConfig { epochs: 20, ..config() }, &line).0.progress.epoch, 20);
 }
 
@@ -307,8 +386,8 @@ fn sites_count_alike_when_asked() {
         let line = Line { other_site: Some([9, 4]), train: 11, ..Line::new() };
         let config = TrainConfig { epochs: 60, site_sampling_exponent, ..config() };
         train(&config, &line);
-        let asked = line.asked.borrow();
-        let drawn: Vec<usize> = asked.iter().flat_map(|(windows, _)| windows.clone()).collect();
+        let asked = line.asked();
+        let drawn: Vec<usize> = asked.iter().flat_map(|(windows, ..)| windows.clone()).collect();
         assert_eq!(drawn.len(), 60 * 11);
         drawn.iter().filter(|window| **window >= 9).count() as f64 / drawn.len() as f64
     };
@@ -385,7 +464,7 @@ fn bad_input_is_refused_before_a_step() {
     assert!(fails(&config(), &line).to_string().contains("training part has no window"));
     let error = fails(&TrainConfig { batch: 0, ..config() }, &Line::new());
     assert!(matches!(error, TrainError::Config { key: "batch", .. }), "{error}");
-    assert_eq!(line.steps.get(), 0);
+    assert!(line.asked().is_empty());
 }
 
 #[test]

@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use candle_core::{Device, Tensor};
+use candle_core::{Device, Tensor, Var};
 use gnp_baselines::{Drivers, PlatoonRule};
 use gnp_data::{Dataset, Expectation, Recording, WindowConfig, WindowSet};
 use gnp_goal::{GoalConfig, GoalNet, LabelConfig, LabelDistance, ProbabilityHead, Regression};
@@ -17,8 +17,8 @@ use gnp_model::{
 use gnp_modes::{ModeParams, Modes};
 use gnp_nn::Weights;
 use gnp_train::{
-    BatchReport, CheckpointSlot, Checkpoints, End, GoalStage, GoalTraining, History, Observer, PathStage, PathTraining,
-    Schedule, Sink, Stage, TrainConfig, TrainError, Trainer, TrainingState, Windows,
+    BatchReport, CheckpointSlot, Checkpoints, End, GoalStage, GoalTraining, History, Observer, Part, PathStage,
+    PathTraining, Schedule, Sink, Stage, TrainConfig, TrainError, Trainer, TrainingState, Windows,
 };
 use gnp_traj::{InputScale, Integrator, SocialForce, TrajConfig};
 
@@ -214,7 +214,7 @@ fn path_training() -> PathTraining {
 
 /// No weight is out of the loss's reach.
 fn check_reach(stage: &dyn Stage) {
-    let gradients = stage.loss(&[0, 3, 8], 4).unwrap().backward().unwrap();
+    let gradients = stage.loss(Part::whole(&[0, 3, 8], 4)).unwrap().backward().unwrap();
     let norm = |tensor: &Tensor| tensor.sqr().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap();
     let silent: Vec<String> = stage
         .trainable()
@@ -228,6 +228,30 @@ fn check_reach(stage: &dyn Stage) {
     assert!(silent.is_empty(), "{}: {silent:?}", stage.name());
 }
 
+/// Parts of a batch have its loss and its gradient, whatever is drawn for its windows.
+fn check_parts(stage: &dyn Stage) {
+    let (windows, seed) = ([0, 3, 8, 1, 4], 4);
+    let of = |windows: &[usize], first: usize| {
+        let share = windows.len() as f64 / 5.;
+        let loss = (stage.loss(Part { windows, first, seed }).unwrap() * share).unwrap();
+        let gradients = loss.backward().unwrap();
+        let gradient = |(_, var): (String, Var)| match gradients.get(&var) {
+            Some(gradient) => gradient.flatten_all().unwrap().to_vec1::<f32>().unwrap(),
+            None => vec![0.; var.elem_count()],
+        };
+        let values: Vec<f32> = stage.trainable().into_iter().flat_map(gradient).collect();
+        (loss.to_scalar::<f32>().unwrap(), values)
+    };
+    let (whole, first, second) = (of(&windows, 0), of(&windows[..3], 0), of(&windows[3..], 3));
+    assert!((first.0 + second.0 - whole.0).abs() < 1e-4 * whole.0.abs(), "{}: loss", stage.name());
+    let largest = whole.1.iter().fold(0f32, |most, g| most.max(g.abs()));
+    for ((a, b), whole) in first.1.iter().zip(&second.1).zip(&whole.1) {
+        assert!((a + b - whole).abs() < 1e-4 * largest, "{}: {a} + {b} is not {whole}", stage.name());
+    }
+    // Draws belong to the place in the batch: elsewhere they are others.
+    assert_ne!(of(&windows[3..], 0), second, "{}", stage.name());
+}
+
 #[test]
 fn goals_repeat_bit_for_bit_and_over_a_resume() {
     with_data(|data| {
@@ -236,6 +260,7 @@ fn goals_repeat_bit_for_bit_and_over_a_resume() {
             let net = GoalNet::new(&goal_config(), data.features.goal_shape(), weights.builder()).unwrap();
             let stage = GoalStage::new(net, weights, &data.features, &data.modes, data.parts, &training).unwrap();
             check_reach(&stage);
+            check_parts(&stage);
             stage
         };
         let none = Weights::seeded(SEED, &Device::Cpu);
@@ -254,6 +279,7 @@ fn paths_repeat_bit_for_bit_and_over_a_resume() {
         let attraction = |weights: &Weights| {
             let stage = PathStage::attraction(force(weights), weights, &data.features, data.parts, &training).unwrap();
             check_reach(&stage);
+            check_parts(&stage);
             stage
         };
         let none = Weights::seeded(SEED, &Device::Cpu);
@@ -267,6 +293,7 @@ fn paths_repeat_bit_for_bit_and_over_a_resume() {
                 let stage = PathStage::repulsion(force(weights), weights, &data.features, parts, neighbours, &training);
                 let stage = stage.unwrap();
                 check_reach(&stage);
+                check_parts(&stage);
                 stage
             };
             let pushed = train(&repulsion, &header(Component::Repulsion), &whole, 0);
@@ -297,7 +324,7 @@ fn noise_and_mirror_follow_the_step_and_are_off_in_validation() {
             let force = SocialForce::new(&traj_config(), weights.builder()).unwrap();
             let stage = PathStage::attraction(force, &weights, &data.features, data.parts, training).unwrap();
             let scores = stage.validate(&[0, 2, 5]).unwrap().means();
-            (stage.loss(&[1, 4, 7], seed).unwrap().to_scalar::<f32>().unwrap(), scores)
+            (stage.loss(Part::whole(&[1, 4, 7], seed)).unwrap().to_scalar::<f32>().unwrap(), scores)
         };
         let published = PathTraining { goal_noise_m: [0., 0.], mirror: 0., longitudinal_scale: 1. };
         let (plain, scores) = loss(&published, 1);

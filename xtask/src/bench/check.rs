@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::clock::{self, Pair, Run};
 use super::limits::{Limit, Limits};
 use super::networks::{Goal, Lengths, NGSIM, Traj};
-use super::{cores, load, pool, table, traffic};
+use super::{cores, load, pool, table, traffic, training};
 
 /// Turns of a loop that takes some 20 ms.
 const LOOP: u64 = 20_000_000;
@@ -157,6 +157,7 @@ fn networks(limits: &Limits, sizes: &Sizes, terminal: &Terminal) -> Result<Vec<R
     let of = &limits.threads;
     rows.push(threads("roll-out, gradient: 2 threads", of.traj_train, &|| traj.train(Engine::Fused))?);
     rows.push(threads("goals, gradient: 2 threads", of.goal_train, &|| goal.train(Engine::Fused))?);
+    rows.push(threads("goals, step of training: 2 threads", of.goal_step, &|| training::step(&goal))?);
     Ok(rows)
 }
 

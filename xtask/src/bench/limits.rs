@@ -36,6 +36,7 @@ pub(super) struct Fused {
 pub(super) struct Threads {
     pub(super) traj_train: f64,
     pub(super) goal_train: f64,
+    pub(super) goal_step: f64,
 }
 
 /// `[growth]`.
@@ -104,6 +105,7 @@ impl Limits {
             ("fused.goal_train", limits.fused.goal_train),
             ("threads.traj_train", limits.threads.traj_train),
             ("threads.goal_train", limits.threads.goal_train),
+            ("threads.goal_step", limits.threads.goal_step),
             ("growth.ingest", limits.growth.ingest),
             ("growth.windows", limits.growth.windows),
             ("memory.window_bytes", limits.memory.window_bytes),

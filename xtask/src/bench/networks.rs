@@ -1,11 +1,15 @@
 //! Both networks at the published sizes on random windows, as the reference programs in `peer/` have them.
 
+use std::collections::BTreeMap;
+
 use anyhow::Result;
 use candle_core::backprop::GradStore;
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Device, Tensor, Var};
 use candle_nn::VarBuilder;
 use gnp_data::SLOTS;
-use gnp_goal::{GoalConfig, GoalNet, GoalShape, Labels, LossWeights, Pick, ProbabilityHead, Regression, goal_loss};
+use gnp_goal::{
+    GoalConfig, GoalError, GoalNet, GoalShape, Labels, LossWeights, Pick, ProbabilityHead, Regression, goal_loss,
+};
 use gnp_nn::Weights;
 use gnp_traj::{Engine, NeighbourStates, Neighbours, Phase, RollOutBatch, SocialForce, TrajConfig};
 use rand::{Rng, SeedableRng};
@@ -230,13 +234,38 @@ impl Goal {
     }
 
     pub(super) fn gradients(&self, engine: Engine) -> Result<Vec<Tensor>> {
+        let inputs = [&self.observed, &self.neighbours, &self.mask, &self.truth];
         let network = self.network(engine);
-        let output =
-            network.learning.forward(&self.observed, &self.neighbours, &self.mask, &self.modes, &self.one, None)?;
+        Ok(network.of_weights(&self.loss(&network.learning, inputs, &self.one)?.backward()?))
+    }
+
+    /// Windows of the batch.
+    pub(super) fn windows(&self) -> usize {
+        self.observed.dims()[0]
+    }
+
+    /// What training moves.
+    pub(super) fn weights(&self) -> BTreeMap<String, Var> {
+        self.fused.weights.named()
+    }
+
+    /// The loss of some windows, with one goal each.
+    pub(super) fn loss_of(&self, windows: &[u32]) -> candle_core::Result<Tensor> {
+        let index = Tensor::new(windows, self.observed.device())?;
+        let of = |all: &Tensor| all.index_select(&index, 0);
+        let inputs = [of(&self.observed)?, of(&self.neighbours)?, of(&self.mask)?, of(&self.truth)?];
+        let Pick::Indices(one) = &self.one else { candle_core::bail!("one goal a window is picked by index") };
+        let loss = self.loss(&self.fused.learning, inputs.each_ref(), &Pick::Indices(of(one)?));
+        loss.map_err(candle_core::Error::wrap)
+    }
+
+    /// The loss of `network` for observations, neighbours, their mask and the truth.
+    fn loss(&self, network: &GoalNet, inputs: [&Tensor; 4], pick: &Pick) -> Result<Tensor, GoalError> {
+        let [observed, neighbours, mask, truth] = inputs;
+        let output = network.forward(observed, neighbours, mask, &self.modes, pick, None)?;
         let soft = candle_nn::ops::softmax(&output.logits.detach(), 1)?;
         let labels = Labels { soft, nearest: output.indices.clone() };
-        let loss = goal_loss(&output, &self.truth, &labels, LossWeights { alpha: 0.5, mean: 0. })?;
-        Ok(network.of_weights(&loss.total.backward()?))
+        Ok(goal_loss(&output, truth, &labels, LossWeights { alpha: 0.5, mean: 0. })?.total)
     }
 }
 

@@ -96,7 +96,7 @@ impl<'a> Gradients<'a> {
 /// What the transformer takes of one window.
 #[derive(Clone, Copy)]
 pub(crate) struct Window<'a> {
-    /// Its place in the batch.
+    /// Its place in the batch, by which the masks know it.
     pub(crate) index: usize,
     /// What all modes are, `[modes, width]`.
     pub(crate) modes: &'a [f32],

@@ -9,7 +9,7 @@ use candle_nn::{Linear, VarBuilder};
 use gnp_data::WindowKey;
 use gnp_nn::{Dropout, Weights, linear};
 use gnp_train::{
-    BatchTotals, CheckpointSlot, End, Observer, Sink, Stage, TrainError, Trainer, TrainingState, derive_seed,
+    BatchTotals, CheckpointSlot, End, Observer, Part, Sink, Stage, TrainError, Trainer, TrainingState, derive_seed,
 };
 
 use super::inputs::UNIT_M;
@@ -110,9 +110,9 @@ impl Stage for Fitting<'_> {
         self.validation.inputs.dims().first().copied().unwrap_or_default()
     }
 
-    fn loss(&self, batch: &[usize], step_seed: u64) -> std::result::Result<Tensor, TrainError> {
-        let [inputs, targets, weights] = self.train.at(batch)?;
-        let found = self.network.forward(&inputs, Some(Dropout::new(self.dropout, step_seed)))?;
+    fn loss(&self, part: Part<'_>) -> std::result::Result<Tensor, TrainError> {
+        let [inputs, targets, weights] = self.train.at(part.windows)?;
+        let found = self.network.forward(&inputs, Some(Dropout::new(self.dropout, part.seed)))?;
         Ok((found - targets)?.sqr()?.broadcast_mul(&weights)?.mean_all()?)
     }
 

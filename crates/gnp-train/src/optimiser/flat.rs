@@ -1,7 +1,6 @@
 //! Adam where the weights live: all of them end to end in one vector, so that a step is a few operations on that and not a
 //! few on each weight.
 
-use candle_core::backprop::GradStore;
 use candle_core::{DType, Device, Result, Tensor, Var};
 
 use super::{BETA_1, BETA_2, EPSILON, Update};
@@ -32,18 +31,17 @@ impl Flat {
         Ok(Self { first: zeros.clone(), second: zeros, rest })
     }
 
-    /// The gradient of all `vars` `[rows, ROW]`, 0 where there is none, and its norm, for which the host waits; nothing
+    /// The gradient of all variables `[rows, ROW]`, 0 where there is none, and its norm, for which the host waits; nothing
     /// when that is not finite.
     pub(super) fn gradient<'a>(
         &self,
-        vars: impl Iterator<Item = &'a Var>,
-        gradients: &GradStore,
+        gradients: impl Iterator<Item = (&'a Var, &'a Option<Tensor>)>,
     ) -> Result<Option<(Tensor, f64)>> {
-        let of = |var: &Var| match gradients.get(var.as_tensor()) {
+        let of = |(var, gradient): (&Var, &Option<Tensor>)| match gradient {
             Some(gradient) => gradient.detach().to_dtype(DType::F32)?.flatten_all(),
             None => var.as_tensor().zeros_like()?.flatten_all(),
         };
-        let gradient = self.together(vars.map(of))?;
+        let gradient = self.together(gradients.map(of))?;
         let squares = gradient.sqr()?.sum(1)?.to_dtype(DType::F32)?.sum(0)?;
         let norm = f64::from(squares.to_scalar::<f32>()?).sqrt();
         Ok(norm.is_finite().then_some((gradient, norm)))
@@ -120,6 +118,8 @@ fn split<'a>(
 mod tests {
     use std::collections::BTreeMap;
 
+    use candle_core::backprop::GradStore;
+
     use super::super::{Adam, host};
     use super::*;
 
@@ -139,9 +139,9 @@ mod tests {
         named.map(|(name, var)| (name.to_owned(), var)).into()
     }
 
-    fn gradients(vars: &BTreeMap<String, Var>, step: f64) -> GradStore {
+    fn gradients(vars: &BTreeMap<String, Var>, step: f64) -> [GradStore; 1] {
         let part = |name: &str| (vars[name].as_tensor() + step).unwrap().sqr().unwrap().t().unwrap().sum_all().unwrap();
-        (part("a") * 0.01).unwrap().add(&(part("b") * 1e-3).unwrap()).unwrap().backward().unwrap()
+        [(part("a") * 0.01).unwrap().add(&(part("b") * 1e-3).unwrap()).unwrap().backward().unwrap()]
     }
 
     fn values(vars: &BTreeMap<String, Var>) -> Vec<f32> {
@@ -184,7 +184,7 @@ mod tests {
         let before = values(&vars);
         let mut optimiser = adam(&vars, true);
         let bad = (vars["b"].as_tensor() * f64::INFINITY).unwrap().sum_all().unwrap().backward().unwrap();
-        let error = optimiser.step(&bad, 0.1).unwrap_err();
+        let error = optimiser.step(&[bad], 0.1).unwrap_err();
         assert!(error.to_string().contains("`b`"), "{error}");
         assert_eq!((values(&vars), optimiser.steps()), (before, 0));
     }

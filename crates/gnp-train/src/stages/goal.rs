@@ -8,19 +8,21 @@ use gnp_goal::{GoalLoss, GoalNet, LabelConfig, LossWeights, Pick, goal_loss, lab
 use gnp_model::{AugmentedView, Features, GoalInputs, Situation};
 use gnp_modes::Modes;
 use gnp_nn::{Dropout, Weights};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::config::within;
 use crate::error::TrainError;
 use crate::seed::derive_seed;
-use crate::stage::{BatchTotals, Stage};
+use crate::stage::{BatchTotals, Part, Stage};
 use crate::stages::windows::{Augment, Windows};
 
 /// Goals a window that the validation scores look at.
 const LOOKED_AT: usize = 6;
+
+/// Windows of a mini-batch that one thread takes: so few that there are parts for the threads, so many that what is made once
+/// a part (tokens of the modes) does not show.
+const PART: usize = 16;
 
 /// What the goal network is trained for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -156,15 +158,18 @@ impl Stage for GoalStage<'_> {
         self.validation.sites()
     }
 
-    fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
-        let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(step_seed, 0));
-        let windows = self.train.batch(batch, self.config.augment(), &mut rng)?;
-        let mut dropout = Dropout::new(self.net.config().dropout, derive_seed(step_seed, 1));
+    fn part_windows(&self) -> Option<usize> {
+        self.device().is_cpu().then_some(PART)
+    }
+
+    fn loss(&self, part: Part<'_>) -> Result<Tensor, TrainError> {
+        let windows = self.train.part(part, self.config.augment())?;
+        let mut dropout = Dropout::new(self.net.config().dropout, derive_seed(part.seed, 1)).from_window(part.first);
         Ok(self.losses(&windows, Some(&mut dropout))?.0.total)
     }
 
     fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
-        let windows = self.validation.batch(batch, Augment::NONE, &mut ChaCha8Rng::seed_from_u64(0))?;
+        let windows = self.validation.part(Part::whole(batch, 0), Augment::NONE)?;
         let (loss, inputs, truth) = self.losses(&windows, None)?;
         let GoalInputs { observed, neighbours, mask } = &inputs;
         let goals = self.net.predict(observed, neighbours, mask, &self.centres[0], LOOKED_AT)?;

@@ -16,8 +16,11 @@ use serde::{Deserialize, Serialize};
 use crate::config::within;
 use crate::error::TrainError;
 use crate::seed::derive_seed;
-use crate::stage::{BatchTotals, Stage};
+use crate::stage::{BatchTotals, Part, Stage};
 use crate::stages::windows::{Augment, Windows};
+
+/// Windows of a mini-batch that one thread takes: as many as the roll-out sums gradients over before anything else.
+const PART: usize = 16;
 
 /// What the social force is trained for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -167,25 +170,26 @@ impl Stage for PathStage<'_> {
         self.validation.sites()
     }
 
-    fn loss(&self, batch: &[usize], step_seed: u64) -> Result<Tensor, TrainError> {
-        let windows = self.train.batch(
-            batch,
-            self.config.augment(),
-            &mut ChaCha8Rng::seed_from_u64(derive_seed(step_seed, 0)),
-        )?;
-        let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(step_seed, 1));
+    fn part_windows(&self) -> Option<usize> {
+        self.device().is_cpu().then_some(PART)
+    }
+
+    fn loss(&self, part: Part<'_>) -> Result<Tensor, TrainError> {
+        let windows = self.train.part(part, self.config.augment())?;
+        let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(part.seed, 1));
         let [forward, left] = self.config.goal_noise_m;
         let draw = |_| {
             let [a, b] = normal(&mut rng);
             [(forward * a) as f32, (left * b) as f32]
         };
-        let off: Vec<[f32; 2]> = windows.iter().map(draw).collect();
+        // The first draws are those of the windows before them in the mini-batch.
+        let off: Vec<[f32; 2]> = (0..part.first + windows.len()).map(draw).skip(part.first).collect();
         let [path, truth] = self.paths(&windows, &off)?;
         Ok((path - truth)?.sqr()?.mean_all()?)
     }
 
     fn validate(&self, batch: &[usize]) -> Result<BatchTotals, TrainError> {
-        let windows = self.validation.batch(batch, Augment::NONE, &mut ChaCha8Rng::seed_from_u64(0))?;
+        let windows = self.validation.part(Part::whole(batch, 0), Augment::NONE)?;
         let [path, truth] = self.paths(&windows, &vec![[0.; 2]; batch.len()])?;
         let squares = (path.detach() - truth)?.sqr()?.sum(2)?.to_vec2::<f32>()?;
         let (mut mse, mut ade, mut fde) = (0., 0., 0.);

@@ -4,10 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use gnp_data::{Window, WindowId, WindowSet};
 use gnp_model::AugmentedView;
-use rand::Rng;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use crate::config::within;
 use crate::error::TrainError;
+use crate::seed::derive_seed;
+use crate::stage::Part;
 
 /// The windows of one part of a split, as names of views.
 #[derive(Clone, Copy, Debug)]
@@ -44,25 +47,29 @@ impl<'a> Windows<'a> {
         self.ids.iter().map(|id| number[name(id)]).collect()
     }
 
-    /// Those at `indices`, as `augment` has them seen.
-    pub(crate) fn batch(
+    /// Those of `part`, as `augment` has them seen.
+    pub(crate) fn part(
         &self,
-        indices: &[usize],
+        part: Part<'_>,
         augment: Augment,
-        rng: &mut impl Rng,
     ) -> Result<Vec<(AugmentedView<'a>, Window<'a>)>, TrainError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(part.seed, 0));
+        let mut draw = || (rng.random::<f64>(), rng.random::<f64>());
+        // What is drawn for those before them in the mini-batch.
+        (0..part.first).for_each(|_| _ = draw());
         let view = |index: &usize| {
             let window = self.ids.get(*index).and_then(|id| self.set.get(*id));
             let window = window.ok_or(TrainError::Window { index: *index, windows: self.len() })?;
             // Drawn for every window, so that a setting does not change what is drawn after it.
-            let (mirrored, place) = (rng.random::<f64>() < augment.mirror, rng.random::<f64>());
+            let (side, place) = draw();
+            let mirrored = side < augment.mirror;
             let observation = window.observation();
             let seen =
                 if mirrored { AugmentedView::mirrored(observation) } else { AugmentedView::recorded(observation) };
             let longitudinal_scale = augment.longitudinal_scale.powf(2. * place - 1.);
             Ok((seen.scaled_along_road(longitudinal_scale as f32), window))
         };
-        indices.iter().map(view).collect()
+        part.windows.iter().map(view).collect()
     }
 }
 
