@@ -1,6 +1,7 @@
 //! The commands and their arguments.
 
 mod convert;
+mod explain;
 mod model;
 mod play;
 mod road;
@@ -14,7 +15,8 @@ use gnp::{Setting, Stage};
 use gnp_data::Dataset;
 
 pub(crate) use self::convert::ConvertArgs;
-pub(crate) use self::model::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs};
+pub(crate) use self::explain::ExplainArgs;
+pub(crate) use self::model::{ExportArgs, InfoArgs, PredictArgs};
 pub(crate) use self::play::PlayArgs;
 pub(crate) use self::road::RoadArgs;
 pub(crate) use self::tables::{CompareArgs, TableArgs};
@@ -142,6 +144,7 @@ Examples:
   gnp explain --run runs/ngsim --vehicle 554 --add 20,0,12    with a car 20 m ahead, at 12 m/s
   gnp explain --run runs/ngsim --vehicle 554 --goal 60,-3.6   drawn to 60 m ahead and 3.6 m to the right
   gnp explain --input tracks.csv --vehicle 7 --at 12.5        of tracks, by the model that comes with the program
+  gnp explain --input fcd.xml --vehicle flow.3 --without flow.2   vehicles are called as the file calls them
 
 Prints a table of displacements in m by cause, which add up to the predicted path, and a sentence; writes the figures
 contributions and what-if, as SVG and PNG, to --out.")]
@@ -456,17 +459,6 @@ mod tests {
     }
 
     #[test]
-    fn changes_of_a_scene_are_understood() {
-        let line = "gnp explain --run a --without 3 --without 4 --speed 5=2.5 --goal -1.5,3 --move 6=-10,3.5 --add -20,0,12 \
-                    --without-term lines";
-        let Command::Explain(args) = Cli::try_parse_from(line.split(' ')).unwrap().command else { panic!("{line}") };
-        assert_eq!((args.without, args.speed), (vec![3, 4], vec![(5, 2.5)]));
-        assert_eq!(args.goal, Some(crate::names::Place([-1.5, 3.])));
-        assert_eq!((args.moved, args.without_term), (vec![(6, [-10., 3.5])], vec!["lines".to_owned()]));
-        assert_eq!(args.add, [gnp::AddedCar { at: [-20., 0.], speed_mps: 12. }]);
-    }
-
-    #[test]
     fn what_a_scene_file_does_not_need_is_refused_beside_one() {
         for line in [
             "gnp simulate ring --at 5",
@@ -525,27 +517,14 @@ mod tests {
             &["gnp", "realism", "--dataset", "ngsim", "--roll-outs", "65535"],
             &["gnp", "simulate", "--dataset", "ngsim", "--seconds", "1e30"],
             &["gnp", "simulate", "--dataset", "ngsim", "--at", "nan"],
-            &["gnp", "explain", "--vehicle", "3"],
-            &["gnp", "explain", "--run", "a", "--input", "b"],
-            &["gnp", "explain", "--run", "a", "--model", "b"],
             &["gnp", "predict", "--input", "a"],
             &["gnp", "predict", "--input", "a", "--output", "b", "--at", "soon"],
             &["gnp", "predict", "--input", "a", "--output", "b", "--every", "0"],
             &["gnp", "predict", "--input", "a", "--output", "b", "--every", "2", "--at", "last"],
-            &["gnp", "explain", "--run", "a", "--speed", "5=1e30"],
-            &["gnp", "explain", "--run", "a", "--goal", "1e30,0"],
-            &["gnp", "explain", "--run", "a", "--move", "5=1e30,0"],
-            &["gnp", "explain", "--run", "a", "--move", "5=1"],
-            &["gnp", "explain", "--run", "a", "--add", "1,2"],
-            &["gnp", "explain", "--run", "a", "--add", "1,2,-300"],
             &["gnp", "evaluate"],
             &["gnp", "evaluate", "--run", "a", "--protocol", "av2"],
             &["gnp", "evaluate", "--run", "a", "--data-dir", "d", "--again"],
             &["gnp", "train", "--run", "a", "--stage", "evaluate"],
-            &["gnp", "explain", "--run", "a", "--speed", "5"],
-            &["gnp", "explain", "--run", "a", "--speed", "5=fast"],
-            &["gnp", "explain", "--run", "a", "--goal", "60"],
-            &["gnp", "explain", "--run", "a", "--goal", "60,left"],
             &["gnp", "ablate", "--dataset", "ngsim", "--recipes", "r"],
             &["gnp", "ablate", "--dataset", "ngsim", "--published"],
             &["gnp", "ablate", "--dataset", "ngsim", "--seeds", "2"],

@@ -53,23 +53,28 @@ pub(crate) fn place(text: &str) -> Result<Place, String> {
         .ok_or_else(|| format!("give two lengths in m, forward and left, up to {FARTHEST_M}, such as 60,-3.6"))
 }
 
-/// `--speed NUMBER=MPS`.
-pub(crate) fn speed(text: &str) -> Result<(u32, f32), String> {
-    let both = text
-        .split_once('=')
-        .and_then(|(vehicle, speed)| Some((vehicle.trim().parse().ok()?, number(speed, MAX_SPEED)?)));
+/// `--speed VEHICLE=MPS`.
+pub(crate) fn speed(text: &str) -> Result<(String, f32), String> {
+    let both = of_vehicle(text).and_then(|(vehicle, speed)| Some((vehicle, number(speed, MAX_SPEED)?)));
     both.ok_or_else(|| format!("give a vehicle and its speed in m/s, up to {MAX_SPEED}, such as 549=5"))
 }
 
-/// `--move NUMBER=DX,DY`.
-pub(crate) fn moved(text: &str) -> Result<(u32, [f32; 2]), String> {
-    let both = text.split_once('=').and_then(|(vehicle, by)| {
+/// `--move VEHICLE=DX,DY`.
+pub(crate) fn moved(text: &str) -> Result<(String, [f32; 2]), String> {
+    let both = of_vehicle(text).and_then(|(vehicle, by)| {
         let (forward, left) = by.split_once(',')?;
-        Some((vehicle.trim().parse().ok()?, [number(forward, FARTHEST_M)?, number(left, FARTHEST_M)?]))
+        Some((vehicle, [number(forward, FARTHEST_M)?, number(left, FARTHEST_M)?]))
     });
     both.ok_or_else(|| {
         format!("give a vehicle and how far forward and left it is moved, m, up to {FARTHEST_M}, such as 549=-10,3.5")
     })
+}
+
+/// Name of a vehicle, which may have the sign in it, and what is said of it.
+fn of_vehicle(text: &str) -> Option<(String, &str)> {
+    let (vehicle, said) = text.rsplit_once('=')?;
+    let vehicle = vehicle.trim();
+    (!vehicle.is_empty()).then(|| (vehicle.to_owned(), said))
 }
 
 /// `--add X,Y,MPS`.

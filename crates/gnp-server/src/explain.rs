@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::app::App;
 use crate::object::Object;
-use crate::predict::{EVERY_S, Mode, failed, short, unknown};
+use crate::predict::{EVERY_S, Mode, failed, not_there, short, unknown};
 use crate::problem::{Problem, ProblemKind};
 use crate::scene::{ChangeRequest, Changes, Scene, SceneRequest};
 
@@ -31,11 +31,9 @@ impl ExplainRequest {
         let k = app.model.futures(self.k)?;
         let scene = self.scene.resolve(app)?;
         let changes = Changes::of(self.changes.as_deref().unwrap_or_default(), &scene)?;
-        let here = |name: &str| {
-            let number = scene.moment.vehicle_named(name)?;
-            scene.moment.snapshot().vehicles().find(|it| it.vehicle() == number)
-        };
-        let vehicle = here(&self.vehicle).ok_or_else(|| unknown("vehicle", &self.vehicle))?;
+        let number = changes.names.number(&self.vehicle).map_err(|error| unknown("vehicle", &error))?;
+        let vehicle = scene.moment.snapshot().vehicle(number);
+        let vehicle = vehicle.ok_or_else(|| not_there("vehicle", &self.vehicle))?;
         if vehicle.observation().is_none() {
             let detail = format!("vehicle {} was seen in one frame alone, which tells no velocity", self.vehicle);
             return Err(Problem::at(ProblemKind::UnknownVehicle, "vehicle", detail));

@@ -1,6 +1,6 @@
 //! `POST /v1/predict`: forecasts of the vehicles of a scene.
 
-use gnp::{Future, Unpredicted, VehicleForecast};
+use gnp::{Future, UnknownVehicle, Unpredicted, VehicleForecast};
 use gnp_data::Past;
 use gnp_model::Workspace;
 use gnp_plot::class_name;
@@ -86,9 +86,10 @@ impl PredictRequest {
                     .iter()
                     .enumerate()
                     .map(|(i, name)| {
-                        let number = changes.vehicle_named(name, &scene);
-                        let there = number.filter(|number| now.snapshot().vehicle(*number).is_some());
-                        there.ok_or_else(|| unknown(&format!("vehicles[{i}]"), name))
+                        let field = format!("vehicles[{i}]");
+                        let number = changes.names.number(name).map_err(|error| unknown(&field, &error))?;
+                        now.scene().present(number).map_err(|_| not_there(&field, name))?;
+                        Ok(number)
                     })
                     .collect::<Result<_, _>>()?,
             ),
@@ -179,8 +180,15 @@ fn reason(why: Unpredicted) -> String {
     }
 }
 
-pub(crate) fn unknown(field: &str, name: &str) -> Problem {
-    Problem::at(ProblemKind::UnknownVehicle, field, format!("there is no vehicle {name} at this moment"))
+/// Nobody is called so.
+pub(crate) fn unknown(field: &str, error: &UnknownVehicle) -> Problem {
+    Problem::at(ProblemKind::UnknownVehicle, field, error.to_string())
+}
+
+/// Somebody is called so who is gone, or whom only the rows of a follower tell.
+pub(crate) fn not_there(field: &str, name: &str) -> Problem {
+    let detail = format!("vehicle {name} is removed, or has no track of its own");
+    Problem::at(ProblemKind::UnknownVehicle, field, detail)
 }
 
 /// What a prediction is refused for.

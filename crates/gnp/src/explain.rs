@@ -18,15 +18,15 @@ use crate::error::{Result, bail};
 use crate::figures;
 use crate::inside::inside;
 use crate::run::Run;
-use crate::what_if::{Change, ExplainedForecast, Moment, ScenePredictor};
+use crate::what_if::{Change, ChangeError, ExplainedForecast, Moment, NamedChange, Names, ScenePredictor};
 
 /// Which forecast is asked for, and what is changed in its scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Question {
     /// Name of the recording; without it, of all of them.
     pub recording: Option<String>,
-    /// Number of the vehicle; without it, any.
-    pub vehicle: Option<u32>,
+    /// What the recording calls the vehicle; without it, any.
+    pub vehicle: Option<String>,
     /// Last observed frame; without it, that of a window of the run. Of several forecasts that fit, the one is explained in
     /// which a leader moves the vehicle most.
     pub frame: Option<u32>,
@@ -37,8 +37,8 @@ pub struct Question {
 /// What is changed in the scene of a vehicle that may not be known yet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WhatIf {
-    /// Changes of known vehicles and terms, one after the other.
-    pub changes: Vec<Change>,
+    /// Changes of vehicles of the data and of terms, one after the other.
+    pub changes: Vec<NamedChange>,
     /// Cars that are added then.
     pub added: Vec<AddedCar>,
     /// Where the vehicle is drawn to: forward and left of where it is, m.
@@ -55,20 +55,25 @@ pub struct AddedCar {
 }
 
 impl WhatIf {
-    /// The changes around a vehicle of a moment; added cars are called `new 1`, `new 2`, ...
+    /// The changes around a vehicle of a moment; added cars are called `new 1`, `new 2`, ..., as far as nobody is called so.
     fn around(&self, vehicle: u32, moment: &Moment) -> Result<Vec<Change>> {
-        let mut changes = self.changes.clone();
-        let mut taken: Vec<u32> = changes.iter().filter_map(Change::vehicle).collect();
+        let mut names = Names::of(moment);
+        let mut changes = Vec::new();
+        for (index, change) in self.changes.iter().enumerate() {
+            let change = names.change(change).map_err(|unknown| ChangeError { index, problem: unknown.into() })?;
+            changes.push(change);
+        }
         let Some(present) = moment.snapshot().vehicle(vehicle) else { return Ok(changes) };
-        for (i, AddedCar { at: [forward, left], speed_mps }) in self.added.iter().enumerate() {
-            let Some(number) = moment.free_number(&taken) else {
+        let mut free = (1u32..).map(|i| format!("new {i}"));
+        for AddedCar { at: [forward, left], speed_mps } in &self.added {
+            let name = free.find(|name| !names.is_taken(name)).unwrap_or_default();
+            let Some(number) = names.add(name.clone()) else {
                 bail!(Recordings, "no number is left for another vehicle");
             };
-            taken.push(number);
             let [x, y] = present.at();
             changes.push(Change::Scene(SceneEdit::Add(NewVehicle {
                 vehicle: number,
-                name: Some(format!("new {}", i + 1)),
+                name: Some(name),
                 road: present.track().road,
                 at: [x + forward, y + left],
                 speed_mps: *speed_mps,

@@ -81,7 +81,7 @@ pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Reci
 pub use crate::traffic::{DriveOn, Measured, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};
 pub use crate::what_if::{
     Change, ChangeError, ChangeField, ChangeProblem, ChangedMoment, ExplainedForecast, Future, LeftOut, Moment,
-    SceneForecasts, ScenePredictor, VehicleForecast,
+    NamedChange, Names, SceneForecasts, ScenePredictor, UnknownVehicle, VehicleForecast,
 };
 pub use gnp_model::{ModelCard, Workspace};
 pub use gnp_online as online;

@@ -4,7 +4,7 @@
 
 mod smoke;
 
-use gnp::{AddedCar, Change, Explained, Question, Run, Stage, WhatIf};
+use gnp::{AddedCar, Explained, NamedChange, Question, Run, Stage, WhatIf};
 use gnp_data::{Account, Cause, EditedScene, Observation, OraclePredictor as _, Predictor as _, SceneEdit};
 use tempfile::TempDir;
 
@@ -53,13 +53,14 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
 
     // The same by its name; without its leader nobody else's part is his.
     let key = explained.key.clone();
-    let asked = |changes: &[Change]| Question {
+    let asked = |changes: &[NamedChange]| Question {
         recording: Some(key.recording.clone()),
-        vehicle: Some(key.vehicle),
+        vehicle: Some(key.vehicle.to_string()),
         frame: Some(key.t0),
         what_if: WhatIf { changes: changes.to_vec(), ..WhatIf::default() },
     };
-    let free = gnp::explain(&run, &asked(&[Change::Scene(SceneEdit::Remove { vehicle: ahead })])).unwrap();
+    let called = |vehicle: u32| vehicle.to_string();
+    let free = gnp::explain(&run, &asked(&[NamedChange::Remove { vehicle: called(ahead) }])).unwrap();
     assert_eq!((&free.as_it_is, &free.key), (&explained.as_it_is, &key));
     assert_eq!(names(&free), ["contributions", "what-if"]);
     let (changed, change) = (free.changed.clone().unwrap().account, free.change().unwrap());
@@ -75,13 +76,13 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
     // A leader that stands lets it get less far than one that speeds.
     let at = |speed_mps| {
         let explained =
-            gnp::explain(&run, &asked(&[Change::Scene(SceneEdit::Speed { vehicle: ahead, speed_mps })])).unwrap();
+            gnp::explain(&run, &asked(&[NamedChange::Speed { vehicle: called(ahead), speed_mps }])).unwrap();
         explained.changed.unwrap().account.path_at(50)[0]
     };
     assert!(at(0.) < at(30.) - 1.);
     // So does one that is nearer, and one that is put between.
     let near = |by: f32| {
-        let change = Change::Scene(SceneEdit::Move { vehicle: ahead, by: [by, 0.] });
+        let change = NamedChange::Move { vehicle: called(ahead), by: [by, 0.] };
         let explained = gnp::explain(&run, &asked(&[change])).unwrap();
         adds_up(&explained.change().unwrap());
         assert!(explained.text().contains(&format!("vehicle {ahead} moved {} m ", by.abs())), "{}", explained.text());
@@ -98,7 +99,7 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
     assert!(added.changed.unwrap().account.path_at(50)[0] < explained.as_it_is.account.path_at(50)[0] - 0.5);
     // Its own speed changes where constant velocity leads.
     let slower =
-        gnp::explain(&run, &asked(&[Change::Scene(SceneEdit::Speed { vehicle: key.vehicle, speed_mps: 1. })])).unwrap();
+        gnp::explain(&run, &asked(&[NamedChange::Speed { vehicle: called(key.vehicle), speed_mps: 1. }])).unwrap();
     adds_up(&slower.change().unwrap());
     assert!(slower.changed.unwrap().account.velocity[0] < explained.as_it_is.account.velocity[0]);
 
@@ -115,7 +116,7 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
         assert!(a.iter().zip(b).all(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-4));
         assert_ne!(towards.modes[1].path, towards.modes[0].path);
     }
-    let forced = gnp::explain(&run, &asked(&[Change::Goal { vehicle: key.vehicle, at: [5., 1.] }])).unwrap();
+    let forced = gnp::explain(&run, &asked(&[NamedChange::Goal { vehicle: called(key.vehicle), at: [5., 1.] }])).unwrap();
     adds_up(&forced.changed.clone().unwrap().account);
     let by_flag = Question { what_if: WhatIf { goal: Some([5., 1.]), ..WhatIf::default() }, ..asked(&[]) };
     assert_eq!(gnp::explain(&run, &by_flag).unwrap().changed, forced.changed);
@@ -138,23 +139,23 @@ fn what_is_not_there(run: &Run, explained: &Explained) {
         let error = gnp::explain(run, &question).unwrap_err().chain();
         assert!(parts.iter().all(|part| error.contains(part)), "{error}");
     };
-    let named = Question { vehicle: Some(key.vehicle), frame: Some(key.t0), ..Question::default() };
+    let named = Question { vehicle: Some(vehicle.clone()), frame: Some(key.t0), ..Question::default() };
     refused(Question { recording: Some("nowhere".to_owned()), ..named.clone() }, &["nowhere", &key.recording]);
-    refused(Question { vehicle: Some(999_999), frame: None, ..named.clone() }, &["999999", "vehicles with one"]);
+    refused(Question { vehicle: Some("999999".to_owned()), frame: None, ..named.clone() }, &["999999", "vehicles with one"]);
     let recording = Some(key.recording.clone());
-    let unseen = Question { vehicle: Some(999_999), recording: recording.clone(), ..named.clone() };
+    let unseen = Question { vehicle: Some("999999".to_owned()), recording: recording.clone(), ..named.clone() };
     refused(unseen, &["999999", "vehicles in frame", &vehicle]);
     let early = Question { frame: Some(0), recording: recording.clone(), ..named.clone() };
     refused(early, &["frame 0", "it can in frames", &key.recording]);
     let at = Question { recording, ..named };
     let with = |change| Question { what_if: WhatIf { changes: vec![change], ..WhatIf::default() }, ..at.clone() };
-    refused(with(Change::Scene(SceneEdit::Remove { vehicle: 999_999 })), &["999999", "there are "]);
+    refused(with(NamedChange::Remove { vehicle: "999999".to_owned() }), &["999999", "there are "]);
     refused(
-        with(Change::Scene(SceneEdit::Remove { vehicle: key.vehicle })),
+        with(NamedChange::Remove { vehicle: vehicle.clone() }),
         &["change 1", "is the one that is explained"],
     );
-    refused(with(Change::Scene(SceneEdit::Speed { vehicle: key.vehicle, speed_mps: -1. })), &["-1 m/s"]);
-    refused(with(Change::Goal { vehicle: key.vehicle, at: [f32::NAN, 0.] }), &["a goal at NaN"]);
+    refused(with(NamedChange::Speed { vehicle: vehicle.clone(), speed_mps: -1. }), &["-1 m/s"]);
+    refused(with(NamedChange::Goal { vehicle: vehicle.clone(), at: [f32::NAN, 0.] }), &["a goal at NaN"]);
 }
 
 /// The run's own figures have the window in which deleting the leader changes most.

@@ -6,8 +6,8 @@
 use std::path::{Path, PathBuf};
 
 use gnp::{
-    Change, ChangeError, ChangeField, ChangedMoment, Error, Machine, Model, Moment, SceneForecasts, ScenePredictor,
-    TracksQuestion, VehicleForecast, WhatIf, Workspace,
+    Change, ChangeError, ChangeField, ChangedMoment, Error, Machine, Model, Moment, NamedChange, Names, SceneForecasts,
+    ScenePredictor, TracksQuestion, VehicleForecast, WhatIf, Workspace,
 };
 use gnp_data::{
     Dataset, Expectation, NewVehicle, Past, Recording, SceneEdit, Slot, VehicleClass, WindowShape, discover, read,
@@ -186,7 +186,10 @@ fn what_is_predicted_is_what_is_explained() {
         recording: Some(scene.recording.meta().name.clone()),
         vehicle: Some(follower.to_string()),
         at_s: Some(scene.recording.meta().time_s(scene.frame)),
-        what_if: WhatIf { changes: removed.clone(), ..WhatIf::default() },
+        what_if: WhatIf {
+            changes: vec![NamedChange::Remove { vehicle: leader.to_string() }],
+            ..WhatIf::default()
+        },
         ..TracksQuestion::default()
     };
     let asked = gnp::explain_tracks(&question, &Machine::default()).unwrap();
@@ -341,6 +344,11 @@ fn a_moment_is_owned_and_has_the_clock_of_its_recording() {
     shared(scene.predictor.clone());
     let name = moment.snapshot().recording().vehicle_name(scene.follower().0).into_owned();
     assert_eq!(moment.vehicle_named(&name), Some(scene.follower().0));
+    // Numbers are names where the data has no others, and who is not there has none.
+    let names = Names::of(&moment);
+    assert_eq!(names.number(&name).unwrap(), scene.follower().0);
+    let unknown = names.number("999999").unwrap_err();
+    assert!(unknown.to_string().starts_with("there is no vehicle 999999 at this moment; there are "), "{unknown}");
     for time_s in [-5., 1e9, f64::NAN] {
         let error = Moment::at_time(&scene.recording, time_s, scene.shape()).unwrap_err().to_string();
         assert!(error.contains("is outside of"), "{error}");

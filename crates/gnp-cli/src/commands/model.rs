@@ -4,8 +4,8 @@ use std::io::{self, Write as _};
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use gnp::{At, Change, ExportRequest, PredictRequest, Question, Run, TracksQuestion, WhatIf};
-use gnp_data::{SceneEdit, TrackOptions};
+use gnp::{At, ExportRequest, NamedChange, PredictRequest, Question, Run, TracksQuestion, WhatIf};
+use gnp_data::TrackOptions;
 
 use crate::arguments::{ExplainArgs, ExportArgs, InfoArgs, PredictArgs, RoadArgs};
 use crate::names::Place;
@@ -52,9 +52,9 @@ pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
         (Some(_), _) if args.road.any() => bail!("--road and --lines are for tracks (--input)"),
         (Some(folder), _) => {
             let run = Run::open(folder, &machine)?;
-            let (vehicle, frame) = (args.vehicle.as_deref().map(number).transpose()?, args.at.map(whole).transpose()?);
-            let explained =
-                gnp::explain(&run, &Question { recording: args.recording.clone(), vehicle, frame, what_if })?;
+            let (recording, vehicle) = (args.recording.clone(), args.vehicle.clone());
+            let frame = args.at.map(whole).transpose()?;
+            let explained = gnp::explain(&run, &Question { recording, vehicle, frame, what_if })?;
             let place = explained.folder(&run)?;
             (explained, place)
         }
@@ -80,12 +80,11 @@ pub(super) fn explain(args: &ExplainArgs, program: &Program) -> Result<()> {
 
 /// What is changed: vehicles of the scene in the order of the options, then terms.
 fn what_if(args: &ExplainArgs) -> WhatIf {
-    let removed = args.without.iter().map(|vehicle| SceneEdit::Remove { vehicle: *vehicle });
-    let moved = args.moved.iter().map(|(vehicle, by)| SceneEdit::Move { vehicle: *vehicle, by: *by });
-    let speeds =
-        args.speed.iter().map(|(vehicle, speed_mps)| SceneEdit::Speed { vehicle: *vehicle, speed_mps: *speed_mps });
-    let terms = args.without_term.iter().cloned().map(Change::WithoutTerm);
-    let changes = removed.chain(moved).chain(speeds).map(Change::Scene).chain(terms).collect();
+    let removed = args.without.iter().cloned().map(|vehicle| NamedChange::Remove { vehicle });
+    let moved = args.moved.iter().cloned().map(|(vehicle, by)| NamedChange::Move { vehicle, by });
+    let speeds = args.speed.iter().cloned().map(|(vehicle, speed_mps)| NamedChange::Speed { vehicle, speed_mps });
+    let terms = args.without_term.iter().cloned().map(NamedChange::WithoutTerm);
+    let changes = removed.chain(moved).chain(speeds).chain(terms).collect();
     WhatIf { changes, added: args.add.clone(), goal: args.goal.map(|Place(goal)| goal) }
 }
 
@@ -93,14 +92,6 @@ fn what_if(args: &ExplainArgs) -> WhatIf {
 fn tracks(args: &RoadArgs) -> Result<TrackOptions> {
     let (road, lines) = args.parts()?;
     Ok(gnp::road_options(road.as_deref(), lines.as_deref())?)
-}
-
-/// `--vehicle` of a run.
-fn number(text: &str) -> Result<u32> {
-    let Ok(number) = text.trim().parse() else {
-        bail!("--vehicle {text}: vehicles of a run have numbers; names are for tracks (--input)")
-    };
-    Ok(number)
 }
 
 /// `--at` of a run.

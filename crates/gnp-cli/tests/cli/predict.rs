@@ -83,6 +83,21 @@ fn plain_tracks_of_ten_rows_are_predicted_and_explained() {
     let parts = value["changed"]["parts"].as_array().unwrap();
     assert!(parts.iter().any(|part| part["cause"] == "leader new 1"), "{parts:?}");
     assert!(figures.join("what-if.svg").exists());
+    // Vehicles are called as in the file.
+    for (change, words) in [
+        (["--without", "truck"], "without vehicle truck"),
+        (["--speed", "truck=3"], "with vehicle truck at 3 m/s"),
+        (["--move", "truck=-4,0"], "with vehicle truck moved 4 m back"),
+    ] {
+        let told = run(&[&arguments[..], &change, &["--json"]].concat()).well();
+        let value: Value = serde_json::from_str(&told.out).unwrap();
+        assert_eq!(value["changes"], words);
+        let shorter = value["change"]["path"].as_array().unwrap().last().unwrap()[0].as_f64().unwrap();
+        assert_eq!(shorter > 0., change[0] == "--without", "{words}: {shorter}");
+    }
+    run(&[&arguments[..], &["--without", "trucks"]].concat()).badly(&["no vehicle trucks", "truck (most like it, of 2)"]);
+    // The number that a name has inside is none.
+    run(&[&arguments[..], &["--without", "2"]].concat()).badly(&["no vehicle 2", "there are ego, truck"]);
     run(&[&arguments[..], &["--without-term", "magic"]].concat()).badly(&["magic", "neighbours"]);
     run(&["explain", "--input", tracks, "--vehicle", "bus"]).badly(&["no recording with a vehicle bus"]);
 }

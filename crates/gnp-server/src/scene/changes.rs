@@ -1,6 +1,6 @@
 //! Changes of a scene as a request has them.
 
-use gnp::{Change, ChangeError, ChangeField, ChangeProblem};
+use gnp::{Change, ChangeError, ChangeField, ChangeProblem, Names};
 use gnp_data::{NewVehicle, SceneEdit, VehicleClass};
 use serde::Deserialize;
 
@@ -52,37 +52,27 @@ impl ChangeKind {
 }
 
 /// The changes of a request, in terms of a moment.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Changes {
+#[derive(Clone, Debug)]
+pub(crate) struct Changes<'a> {
     pub(crate) all: Vec<Change>,
-    /// Vehicles that are added: name and number.
-    added: Vec<(String, u32)>,
+    /// Of the scene's vehicles and those that are added.
+    pub(crate) names: Names<'a>,
 }
 
-impl Changes {
+impl<'a> Changes<'a> {
     /// # Errors
     /// A problem with the change and its field: one that its kind does not have, a vehicle that is not in the scene.
-    pub(crate) fn of(requests: &[Object<ChangeRequest>], scene: &Scene) -> Result<Self, Problem> {
+    pub(crate) fn of(requests: &[Object<ChangeRequest>], scene: &'a Scene) -> Result<Self, Problem> {
         if requests.len() > MOST {
             let detail = format!("there are {}; at most {MOST} are taken", requests.len());
             return Err(Problem::at(ProblemKind::InvalidRequest, "changes", detail));
         }
-        let mut changes = Self::default();
+        let mut changes = Self { all: Vec::new(), names: Names::of(&scene.moment) };
         for (i, request) in requests.iter().enumerate() {
             let change = changes.one(request, scene, &|name: &str| format!("changes[{i}].{name}"))?;
             changes.all.push(change);
         }
         Ok(changes)
-    }
-
-    /// Number of the vehicle of that name, which may be one that is added.
-    pub(crate) fn vehicle_named(&self, name: &str, scene: &Scene) -> Option<u32> {
-        let added = self.added.iter().find(|(known, _)| known == name).map(|(_, number)| *number);
-        let there = || scene.moment.vehicle_named(name);
-        // A leader without a row of its own has a number alone.
-        let recording = scene.moment.snapshot().recording();
-        let number = || name.parse().ok().filter(|number| recording.vehicle_name(*number) == name);
-        added.or_else(there).or_else(number)
     }
 
     fn one(
@@ -95,9 +85,8 @@ impl Changes {
         let missing = |name: &str| Problem::at(ProblemKind::InvalidRequest, field(name), "is missing");
         let vehicle = || -> Result<u32, Problem> {
             let name = request.vehicle.as_deref().ok_or_else(|| missing("vehicle"))?;
-            let unknown =
-                || Problem::at(ProblemKind::UnknownVehicle, field("vehicle"), format!("there is no vehicle {name}"));
-            self.vehicle_named(name, scene).ok_or_else(unknown)
+            let named = self.names.number(name);
+            named.map_err(|error| Problem::at(ProblemKind::UnknownVehicle, field("vehicle"), error.to_string()))
         };
         let speed_mps = || request.mps.map(|speed| speed as f32).ok_or_else(|| missing("mps"));
         let at = || request.at.ok_or_else(|| missing("at"));
@@ -130,8 +119,7 @@ impl Changes {
         if name.is_empty() || name.chars().count() > LONGEST_NAME || name.chars().any(char::is_control) {
             return Err(wrong("vehicle", format!("a name has 1 to {LONGEST_NAME} characters, none of control")));
         }
-        let known = self.added.iter().any(|(known, _)| *known == name) || scene.moment.vehicle_named(&name).is_some();
-        if known {
+        if self.names.is_taken(&name) {
             return Err(wrong(
                 "vehicle",
                 format!(
@@ -139,14 +127,12 @@ impl Changes {
                 ),
             ));
         }
-        let taken: Vec<u32> = self.added.iter().map(|(_, number)| *number).collect();
-        let vehicle = scene.moment.free_number(&taken);
-        let vehicle = vehicle.ok_or_else(|| wrong("vehicle", "no more vehicles can be added".to_owned()))?;
         let class = request.class.unwrap_or(VehicleClass::Car);
         let size = request.size.map_or_else(|| class.default_size(), single);
         let (road, at) =
             scene.road_at(at).ok_or_else(|| wrong("at", "this place is not on the scene's road".to_owned()))?;
-        self.added.push((name.clone(), vehicle));
+        let vehicle = self.names.add(name.clone());
+        let vehicle = vehicle.ok_or_else(|| wrong("vehicle", "no more vehicles can be added".to_owned()))?;
         Ok(SceneEdit::Add(NewVehicle { vehicle, name: Some(name), road, at, speed_mps, class, size }).into())
     }
 }
@@ -189,7 +175,7 @@ impl ChangeRequest {
 /// What a change is refused for.
 pub(crate) fn refused(error: &ChangeError) -> Problem {
     let kind = match &error.problem {
-        ChangeProblem::Absent { .. } => ProblemKind::UnknownVehicle,
+        ChangeProblem::Unknown(_) | ChangeProblem::Absent { .. } => ProblemKind::UnknownVehicle,
         ChangeProblem::Term(_) => ProblemKind::UnknownTerm,
         _ => ProblemKind::InvalidChange,
     };

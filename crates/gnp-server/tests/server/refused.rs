@@ -295,6 +295,8 @@ fn problems_call_vehicles_by_their_names() {
     };
     let gone = json!([{"kind": "remove", "vehicle": "b"}, {"kind": "remove", "vehicle": "b"}]);
     assert_eq!(refused(gone), "vehicle b was removed by an earlier change; there are a");
+    let like = json!([{"kind": "remove", "vehicle": "bb"}]);
+    assert_eq!(refused(like), "there is no vehicle bb at this moment; there are a, b");
     let fast = json!([{"kind": "speed", "vehicle": "b", "mps": 101}]);
     assert_eq!(refused(fast), "vehicle b: a speed of 101 m/s is not between 0 and 100 m/s");
     let large = json!([{"kind": "add", "vehicle": "bus", "at": [20, 1.8], "mps": 20, "size": [99, 9]}]);

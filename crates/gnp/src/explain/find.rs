@@ -1,6 +1,6 @@
 //! The moment that a question is about.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use gnp_data::{Cause, Observation, Predictor as _, Recording, Window, WindowId, WindowShape};
 use gnp_model::Gnp;
@@ -8,11 +8,12 @@ use gnp_model::Gnp;
 use super::Question;
 use crate::error::{Result, bail};
 use crate::run::Run;
+use crate::what_if::{alike_or_all, cut};
 
 /// Most forecasts that are made to choose one; of more, every n-th is.
 const MOST: usize = 500;
 /// Most numbers that a message lists.
-pub(super) const LISTED: usize = 24;
+const LISTED: usize = 24;
 
 /// A vehicle at a moment, with what happened then where that is recorded.
 pub(super) struct Found<'a> {
@@ -25,6 +26,15 @@ impl<'a> Found<'a> {
         let (track, row) = (id.track as usize, id.row as usize);
         let observation = Observation::new(recording, shape, track, row).ok()?;
         Some(Self { observation, window: Window::new(recording, shape, track, row).ok() })
+    }
+}
+
+impl Question {
+    /// Whether a vehicle of a recording is asked for.
+    fn asks_for(&self, recording: &Recording, vehicle: u32) -> bool {
+        let named = |name: &String| recording.vehicle_named(name.trim()) == Some(vehicle);
+        self.recording.as_ref().is_none_or(|name| recording.meta().name == *name)
+            && self.vehicle.as_ref().is_none_or(named)
     }
 }
 
@@ -68,27 +78,25 @@ pub(super) fn leader_part(forecast: &gnp_data::Forecast) -> f32 {
 
 /// Evaluated windows that fit, or any that do.
 fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Found<'a>>> {
-    let set = run.windows()?;
-    let fits = |id: &WindowId| {
-        set.get(*id).is_some_and(|window| {
-            let key = window.key();
-            question.recording.as_ref().is_none_or(|name| key.recording == *name)
-                && question.vehicle.is_none_or(|vehicle| key.vehicle == vehicle)
-        })
+    let (set, recordings) = (run.windows()?, run.recordings()?);
+    let of = |id: &WindowId| {
+        let recording = recordings.get(id.recording as usize)?;
+        Some((recording, recording.tracks().get(id.track as usize)?.vehicle))
     };
+    let fits = |id: &WindowId| of(id).is_some_and(|(recording, vehicle)| question.asks_for(recording, vehicle));
     let split = run.split(&set)?;
     let evaluated: Vec<WindowId> = split.subset(run.config.evaluate.subset).iter().copied().filter(&fits).collect();
     let ids = if evaluated.is_empty() { set.ids().iter().copied().filter(&fits).collect() } else { evaluated };
     if ids.is_empty() {
-        let there = BTreeSet::from_iter(set.iter().map(|window| window.key()).filter_map(|key| {
-            question.recording.as_ref().is_none_or(|name| key.recording == *name).then_some(key.vehicle)
-        }));
-        let whose = question.vehicle.map_or_else(String::new, |vehicle| format!(" of vehicle {vehicle}"));
+        let others = Question { recording: question.recording.clone(), ..Question::default() };
+        let there = set.ids().iter().filter_map(of).filter(|(recording, vehicle)| others.asks_for(recording, *vehicle));
+        let there = there.map(|(recording, vehicle)| (vehicle, recording.vehicle_name(vehicle).into_owned()));
+        let whose = question.vehicle.as_ref().map_or_else(String::new, |name| format!(" of vehicle {}", cut(name)));
         let place = question.recording.as_ref().map_or_else(String::new, |name| format!(" in {name}"));
         bail!(
             Recordings,
             "there is no window{whose}{place}; vehicles with one: {}",
-            listed(there, |it| it.to_string())
+            alike_or_all(question.vehicle.as_deref().unwrap_or_default(), there)
         );
     }
     let found = |id: WindowId| {
@@ -101,7 +109,7 @@ fn windows<'a>(run: &'a Run, question: &Question) -> Result<Vec<Found<'a>>> {
 /// Vehicles that fit and can be predicted in a frame, whether or not what happened then is recorded.
 fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Found<'a>>> {
     let mut fitting = Vec::new();
-    let mut others = BTreeSet::new();
+    let mut others = Vec::new();
     let mut frames = Vec::new();
     for (index, recording) in run.recordings()?.iter().enumerate() {
         if question.recording.as_ref().is_some_and(|name| recording.meta().name != *name) {
@@ -109,7 +117,7 @@ fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Fou
         }
         let shape = run.config.windows.shape_for(recording.meta().rate_hz)?;
         for (track, it) in recording.tracks().iter().enumerate() {
-            let asked = question.vehicle.is_none_or(|vehicle| it.vehicle == vehicle);
+            let asked = question.asks_for(recording, it.vehicle);
             let past = ((shape.t_obs - 1) * shape.step) as u32;
             if asked && it.first_frame + past <= it.last_frame() {
                 frames.push(in_words(recording, it.first_frame + past, it.last_frame()));
@@ -117,7 +125,7 @@ fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Fou
             let Some(row) = it.row_at(frame) else { continue };
             let id = WindowId { recording: index as u32, track: track as u32, row: row as u32 };
             let Some(found) = Found::of(recording, shape, id) else { continue };
-            others.insert(it.vehicle);
+            others.push((it.vehicle, recording.vehicle_name(it.vehicle).into_owned()));
             if asked {
                 fitting.push(found);
             }
@@ -126,17 +134,23 @@ fn at_frame<'a>(run: &'a Run, question: &Question, frame: u32) -> Result<Vec<Fou
     if !fitting.is_empty() {
         return Ok(fitting);
     }
-    let there = listed(others, |it| it.to_string());
-    match question.vehicle {
-        Some(vehicle) if !frames.is_empty() => bail!(
+    let all = |others: Vec<(u32, String)>| {
+        let names: BTreeMap<u32, String> = others.into_iter().collect();
+        listed(names.keys().copied(), |number| names.get(&number).map_or_else(String::new, |name| cut(name)))
+    };
+    match &question.vehicle {
+        Some(name) if !frames.is_empty() => bail!(
             Recordings,
-            "vehicle {vehicle} cannot be predicted in frame {frame}; it can in {}. Vehicles that can in frame {frame}: \
-             {there}",
-            frames.join(", ")
+            "vehicle {name} cannot be predicted in frame {frame}; it can in {}. Vehicles that can in frame {frame}: {}",
+            frames.join(", "),
+            all(others)
         ),
-        Some(vehicle) => {
-            bail!(Recordings, "vehicle {vehicle} is never seen for long enough; vehicles in frame {frame}: {there}")
-        }
+        Some(name) => bail!(
+            Recordings,
+            "vehicle {} is never seen for long enough; vehicles in frame {frame}: {}",
+            cut(name),
+            alike_or_all(name, others.into_iter())
+        ),
         None => bail!(Recordings, "no vehicle can be predicted in frame {frame}; leave --at out"),
     }
 }

@@ -1,7 +1,5 @@
 //! A forecast of tracks explained: no run, no recorded future.
 
-use std::borrow::Cow;
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use gnp_data::{Dataset, Predictor as _, Recording, TrackOptions, WindowShape, read_with};
@@ -13,7 +11,7 @@ use crate::error::{Result, bail};
 use crate::machine::Machine;
 use crate::model::Model;
 use crate::predict::{Asked, At, Input};
-use crate::what_if::{Moment, ScenePredictor};
+use crate::what_if::{Moment, ScenePredictor, alike_or_all, cut, of_recording};
 
 /// Which vehicle of which tracks, when, by which model, and what is changed.
 #[derive(Clone, Debug, Default)]
@@ -28,7 +26,7 @@ pub struct TracksQuestion {
     pub tracks: TrackOptions,
     /// Name of the recording; without it, the one that has the vehicle.
     pub recording: Option<String>,
-    /// Name or number of the vehicle; without it, one that its leader moves far.
+    /// What the tracks call the vehicle; without it, one that its leader moves far.
     pub vehicle: Option<String>,
     /// Time on the clock of the tracks, s; without it, the last frame of the vehicle, or of the recording.
     pub at_s: Option<f64>,
@@ -84,9 +82,7 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
 
 /// The number of the vehicle that is asked for; `None` where any is.
 fn asked_for(question: &TracksQuestion, recording: &Recording) -> Option<Option<u32>> {
-    let name = question.vehicle.as_deref()?.trim();
-    let has = |vehicle: &u32| recording.tracks().iter().any(|track| track.vehicle == *vehicle);
-    Some(recording.vehicle_named(name).or_else(|| name.parse().ok().filter(has)))
+    Some(recording.vehicle_named(question.vehicle.as_deref()?.trim()))
 }
 
 /// The one recording that fits.
@@ -99,14 +95,10 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
             let fits = question.recording.as_ref().is_none_or(|asked| asked == name)
                 && asked_for(question, &recording) != Some(None);
             match &found {
-                _ if !fits && question.vehicle.is_some() => {
-                    let names: BTreeSet<Cow<'_, str>> =
-                        recording.tracks().iter().map(|track| recording.vehicle_name(track.vehicle)).collect();
-                    let some: Vec<&str> = names.iter().take(find::LISTED).map(AsRef::as_ref).collect();
-                    let more = if names.len() > some.len() { " and others" } else { "" };
-                    others.push(format!("{name} (vehicles {}{more})", some.join(", ")));
-                }
-                _ if !fits => others.push(name.clone()),
+                _ if !fits => others.push(match question.vehicle.as_deref() {
+                    Some(asked) => format!("{name} (vehicles {})", alike_or_all(asked, of_recording(&recording))),
+                    None => name.clone(),
+                }),
                 Some(earlier) => bail!(
                     Recordings,
                     "recordings {} and {name} fit: say which by --recording{}",
@@ -124,7 +116,7 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
     match found {
         Some(found) => Ok(found),
         None => {
-            let who = question.vehicle.as_deref().map_or_else(String::new, |name| format!(" with a vehicle {name}"));
+            let who = question.vehicle.as_deref().map_or_else(String::new, |name| format!(" with a vehicle {}", cut(name)));
             let what = question
                 .recording
                 .as_deref()

@@ -3,6 +3,8 @@
 use gnp_data::{NewVehicle, SceneEdit, SceneEditError};
 use gnp_model::ModelError;
 
+use super::names::UnknownVehicle;
+
 /// A change of a moment or of the forces in it.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
@@ -17,6 +19,40 @@ pub enum Change {
         at: [f32; 2],
     },
     /// A term of the force does not act, by its name, such as `neighbours`.
+    WithoutTerm(String),
+}
+
+/// A change as one asks for it before the moment is known: vehicles by what the data calls them. [`Names`](super::Names) knows who that is.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum NamedChange {
+    /// A vehicle is not there.
+    Remove {
+        /// What it is called.
+        vehicle: String,
+    },
+    /// A vehicle is elsewhere, its whole past with it.
+    Move {
+        /// What it is called.
+        vehicle: String,
+        /// Forward and to the left, m.
+        by: [f32; 2],
+    },
+    /// A vehicle arrives at its place with another speed.
+    Speed {
+        /// What it is called.
+        vehicle: String,
+        /// The speed along the road, m/s.
+        speed_mps: f32,
+    },
+    /// A vehicle is drawn to a place instead of where the network expects it.
+    Goal {
+        /// What it is called.
+        vehicle: String,
+        /// Forward and left of where it is at the moment, m.
+        at: [f32; 2],
+    },
+    /// A term of the force does not act, by its name.
     WithoutTerm(String),
 }
 
@@ -82,6 +118,9 @@ pub struct ChangeError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ChangeProblem {
+    /// Nobody is called so.
+    #[error(transparent)]
+    Unknown(#[from] UnknownVehicle),
     /// A vehicle that is not there, or no longer.
     #[error("{said}; there are {there}")]
     Absent {
@@ -161,7 +200,9 @@ impl ChangeError {
             },
             ChangeProblem::Goal { .. } => ChangeField::At,
             ChangeProblem::Term(_) => ChangeField::Term,
-            ChangeProblem::Absent { .. } | ChangeProblem::Explained { .. } => ChangeField::Vehicle,
+            ChangeProblem::Unknown(_) | ChangeProblem::Absent { .. } | ChangeProblem::Explained { .. } => {
+                ChangeField::Vehicle
+            }
         }
     }
 }
