@@ -113,6 +113,12 @@ def test_a_vehicle_is_added_in_between(page_of, url, picture):
     assert end(play.forecast()) < end(before)
     assert play.forecast(change["vehicle"]), "who is added is predicted as well"
     picture(play, "added")
+    # It is explained by its causes; there is no path from before.
+    play.page.click("#watch")
+    play.settle()
+    said = ask(url, "/v1/explain", {"scene": MOMENT, "vehicle": change["vehicle"], "changes": [change]})
+    assert said["as_it_is"] is None and said["change"] is None
+    assert play.text("sentence") == said["changed"]["sentence"]
 
 
 def test_the_leader_brakes(page_of, url):

@@ -26,9 +26,9 @@ const sideOf = (side) => side && {
   parameters: side.parameters ?? [],
 };
 
-// Who was added has no forecast from before; who was removed has no other.
+// Who was removed has a forecast from before alone, and who was added one from now.
 const explain = async ({ scene, changes, watched }, signal) => {
-  if (watched === null || changesOf.find(changes, "add", watched)) return null;
+  if (watched === null) return null;
   const kept = changesOf.isRemoved(changes, watched) ? [] : changes;
   try {
     return await api.explain({ scene, vehicle: watched, changes: kept }, signal);

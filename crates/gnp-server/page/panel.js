@@ -62,10 +62,10 @@ export const panel = (page) => {
       if (f.modes.length > 1) facts.push(`futures ${f.modes.map((m) => `${(100 * m.probability).toFixed(0)}\u00a0%`).join(", ")}`);
     }
     say("facts", facts.join(" · "));
-    const side = explained?.change ?? explained?.before, left = leftOut.get(state.watched);
+    const side = explained?.change ?? explained?.before ?? explained?.after, left = leftOut.get(state.watched);
     const told = !v ? (state.watched === null ? "Click a vehicle, or press N." : "")
       : left ? `It has no forecast: ${left}.`
-      : explained?.problem ?? side?.sentence ?? (v.added && f ? "It was added: there is no forecast from before to compare with." : "");
+      : explained?.problem ?? side?.sentence ?? "";
     say("sentence", told);
     show("causes", Boolean(side) && Boolean(v) && !left);
     if (side && v) causeTable(side, seconds(side.parts[0] ? side.parts[0].displacement.length * side.dt : page.horizon()), nameOf);

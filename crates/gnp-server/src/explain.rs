@@ -32,19 +32,20 @@ impl ExplainRequest {
         let scene = self.scene.resolve(app)?;
         let changes = Changes::of(self.changes.as_deref().unwrap_or_default(), &scene)?;
         let number = changes.names.number(&self.vehicle).map_err(|error| unknown("vehicle", &error))?;
-        let vehicle = scene.moment.snapshot().vehicle(number);
-        let vehicle = vehicle.ok_or_else(|| not_there("vehicle", &self.vehicle))?;
-        if vehicle.observation().is_none() {
-            let detail = format!("vehicle {} was seen in one frame alone, which tells no velocity", self.vehicle);
-            return Err(Problem::at(ProblemKind::UnknownVehicle, "vehicle", detail));
-        }
-        let road = vehicle.track().road;
-        let explained =
-            app.model.predictor.explain(&scene.moment, vehicle.vehicle(), &changes.all, k).map_err(failed)?;
-        app.metrics.vehicles.inc_by(1 + u64::from(explained.changed.is_some()));
+        let road = match scene.moment.snapshot().vehicle(number) {
+            Some(present) if present.observation().is_none() => {
+                let detail = format!("vehicle {} was seen in one frame alone, which tells no velocity", self.vehicle);
+                return Err(Problem::at(ProblemKind::UnknownVehicle, "vehicle", detail));
+            }
+            Some(present) => present.track().road,
+            None => changes.road_of_added(number).ok_or_else(|| not_there("vehicle", &self.vehicle))?,
+        };
+        let explained = app.model.predictor.explain(&scene.moment, number, &changes.all, k).map_err(failed)?;
+        let sides = [("as_it_is", explained.as_it_is.as_ref()), ("changed", explained.changed.as_ref())];
+        app.metrics.vehicles.inc_by(sides.iter().filter(|(_, forecast)| forecast.is_some()).count() as u64);
         let every = app.model.points_every(EVERY_S, "every_s")?;
         let mut answer = explained.json();
-        for (name, forecast) in [("as_it_is", Some(&explained.as_it_is)), ("changed", explained.changed.as_ref())] {
+        for (name, forecast) in sides {
             let Some(forecast) = forecast else { continue };
             let ids = forecast.account.parts.iter().map(|part| match &part.cause {
                 Cause::Leader { vehicle, .. } | Cause::Neighbour { vehicle } => json!(forecast.account.name(*vehicle)),

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use gnp_data::{Account, NewVehicle, SceneEdit, VehicleClass, WindowKey};
 use gnp_plot::{Figure, Source};
 
-use crate::error::{Result, bail};
+use crate::error::{Error, Result, bail};
 use crate::figures;
 use crate::inside::inside;
 use crate::run::Run;
@@ -43,6 +43,8 @@ pub struct WhatIf {
     pub added: Vec<AddedCar>,
     /// Where the vehicle is drawn to: forward and left of where it is, m.
     pub goal: Option<[f32; 2]>,
+    /// Whose forecast is explained instead of that of the vehicle, such as `new 1`.
+    pub watch: Option<String>,
 }
 
 /// A car on the carriageway of the vehicle that is explained.
@@ -55,15 +57,16 @@ pub struct AddedCar {
 }
 
 impl WhatIf {
-    /// The changes around a vehicle of a moment; added cars are called `new 1`, `new 2`, ..., as far as nobody is called so.
-    fn around(&self, vehicle: u32, moment: &Moment) -> Result<Vec<Change>> {
+    /// The changes around a vehicle of a moment, and the number of whose forecast is explained. Added cars are called
+    /// `new 1`, `new 2`, ..., as far as nobody is called so.
+    fn around(&self, vehicle: u32, moment: &Moment) -> Result<(Vec<Change>, u32)> {
         let mut names = Names::of(moment);
         let mut changes = Vec::new();
         for (index, change) in self.changes.iter().enumerate() {
             let change = names.change(change).map_err(|unknown| ChangeError { index, problem: unknown.into() })?;
             changes.push(change);
         }
-        let Some(present) = moment.snapshot().vehicle(vehicle) else { return Ok(changes) };
+        let Some(present) = moment.snapshot().vehicle(vehicle) else { return Ok((changes, vehicle)) };
         let mut free = (1u32..).map(|i| format!("new {i}"));
         for AddedCar { at: [forward, left], speed_mps } in &self.added {
             let name = free.find(|name| !names.is_taken(name)).unwrap_or_default();
@@ -82,7 +85,11 @@ impl WhatIf {
             })));
         }
         changes.extend(self.goal.map(|at| Change::Goal { vehicle, at }));
-        Ok(changes)
+        let watched = match &self.watch {
+            Some(name) => names.number(name).map_err(|unknown| Error::Recordings(unknown.to_string()))?,
+            None => vehicle,
+        };
+        Ok((changes, watched))
     }
 }
 
@@ -93,9 +100,9 @@ pub struct Explained {
     pub key: WindowKey,
     /// Whether the recording, or what the model was trained on, is simulated.
     pub simulated: bool,
-    /// As it is.
-    pub as_it_is: ExplainedForecast,
-    /// In the changed scene.
+    /// As it is; none of a vehicle that is added, which has no forecast from before.
+    pub as_it_is: Option<ExplainedForecast>,
+    /// In the changed scene; none without changes.
     pub changed: Option<ExplainedForecast>,
     /// What was changed, in words; empty without changes.
     pub changes: String,
@@ -104,10 +111,18 @@ pub struct Explained {
 }
 
 impl Explained {
-    /// What the changes do to the prediction, cause by cause.
+    /// What the changes do to the prediction, cause by cause; none without changes, and none of a vehicle that is added.
     #[must_use]
     pub fn change(&self) -> Option<Account> {
-        self.changed.as_ref().map(|changed| self.as_it_is.account.change_to(&changed.account))
+        let (before, after) = self.as_it_is.as_ref().zip(self.changed.as_ref())?;
+        Some(before.account.change_to(&after.account))
+    }
+
+    /// What the vehicle is called.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let account = self.as_it_is.as_ref().or(self.changed.as_ref()).map(|it| &it.account);
+        account.map_or_else(|| self.key.vehicle.to_string(), |account| account.name(self.key.vehicle))
     }
 
     /// Writes the figures to a folder, as SVG and PNG.
@@ -140,8 +155,9 @@ pub fn explain(run: &Run, question: &Question) -> Result<Explained> {
     let source = Source { words: data.description.clone(), simulated: data.simulated };
     let (predictor, moment) = (ScenePredictor::of(gnp, data.simulated), Moment::of_observation(&found.observation));
     let vehicle = found.observation.vehicle();
-    let changes = question.what_if.around(vehicle, &moment)?;
-    let (mut explained, changed) = predictor.told(&moment, vehicle, &changes, run.config.predict.k)?;
-    explained.figures = pictures(&explained, found.window.as_ref(), (&moment, &changed), &changes, &source)?;
+    let (changes, watched) = question.what_if.around(vehicle, &moment)?;
+    let (mut explained, changed) = predictor.told(&moment, watched, &changes, run.config.predict.k)?;
+    let window = found.window.as_ref().filter(|_| watched == vehicle);
+    explained.figures = pictures(&explained, window, (&moment, &changed), &changes, &source)?;
     Ok(explained)
 }

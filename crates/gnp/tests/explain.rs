@@ -20,9 +20,13 @@ fn adds_up(account: &Account) {
     }
 }
 
+fn account(explained: &Explained) -> &Account {
+    &explained.as_it_is.as_ref().unwrap().account
+}
+
 /// The nearest leader's part at the end, along the road.
 fn leader(explained: &Explained) -> (u32, f32) {
-    let parts = explained.as_it_is.account.parts.iter();
+    let parts = account(explained).parts.iter();
     let mut led = parts.filter_map(|part| match part.cause {
         Cause::Leader { vehicle, place: 1 } => Some((vehicle, part.at_end()[0])),
         _ => None,
@@ -37,7 +41,7 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
 
     // Without a word, one that a leader moves most.
     let explained = gnp::explain(&run, &Question::default()).unwrap();
-    adds_up(&explained.as_it_is.account);
+    adds_up(account(&explained));
     let (ahead, part) = leader(&explained);
     assert!(part.abs() > 0.5 && explained.changed.is_none(), "{part}");
     let names = |explained: &Explained| explained.figures.iter().map(|figure| figure.name.clone()).collect::<Vec<_>>();
@@ -90,18 +94,30 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
     };
     assert!(near(-4.) < near(30.) - 1., "{} {}", near(-4.), near(30.));
     let cars = vec![AddedCar { at: [7., 0.], speed_mps: 1. }, AddedCar { at: [-90., 40.], speed_mps: 1. }];
-    let added = Question { what_if: WhatIf { added: cars, ..WhatIf::default() }, ..asked(&[]) };
-    let added = gnp::explain(&run, &added).unwrap();
+    let with_cars = |watch: Option<&str>| {
+        let what_if = WhatIf { added: cars.clone(), watch: watch.map(str::to_owned), ..WhatIf::default() };
+        gnp::explain(&run, &Question { what_if, ..asked(&[]) })
+    };
+    let added = with_cars(None).unwrap();
     assert!(
         added.text().contains("With a vehicle new 1 added at 1 m/s and with a vehicle new 2 added at 1 m/s, vehicle")
     );
     assert!(added.text().contains("leader new 1"), "{}", added.text());
-    assert!(added.changed.unwrap().account.path_at(50)[0] < explained.as_it_is.account.path_at(50)[0] - 0.5);
+    assert!(added.changed.unwrap().account.path_at(50)[0] < account(&explained).path_at(50)[0] - 0.5);
+    // That car itself has causes, and nothing from before.
+    let of_car = with_cars(Some("new 1")).unwrap();
+    assert!(of_car.as_it_is.is_none() && of_car.change().is_none() && of_car.name() == "new 1");
+    adds_up(&of_car.changed.as_ref().unwrap().account);
+    assert_eq!(names(&of_car), ["contributions"]);
+    assert!(of_car.figures[0].svg.contains("new 1"));
+    assert!(of_car.text().contains("Vehicle new 1 is added: there is no forecast from before."), "{}", of_car.text());
+    assert_eq!(with_cars(Some(&called(ahead))).unwrap().key.vehicle, ahead, "another one of the scene");
+    assert!(with_cars(Some("new 3")).unwrap_err().to_string().contains("new 1, new 2 (most like it"));
     // Its own speed changes where constant velocity leads.
     let slower =
         gnp::explain(&run, &asked(&[NamedChange::Speed { vehicle: called(key.vehicle), speed_mps: 1. }])).unwrap();
     adds_up(&slower.change().unwrap());
-    assert!(slower.changed.unwrap().account.velocity[0] < explained.as_it_is.account.velocity[0]);
+    assert!(slower.changed.unwrap().account.velocity[0] < account(&explained).velocity[0]);
 
     // A goal that is forced is what the true goal is when it is the recorded one.
     let gnp = run.model().unwrap();

@@ -292,7 +292,7 @@ fn a_moment_of_tracks_is_explained() {
         gnp::explain_tracks(&question, &Machine::default())
     };
     let explained = ask(None, None).unwrap();
-    let account = &explained.as_it_is.account;
+    let account = &explained.as_it_is.as_ref().unwrap().account;
     let end = account.steps();
     let (start, sum, path) = (account.constant_velocity(end), account.sum(end), account.path_at(end));
     for axis in 0..2 {

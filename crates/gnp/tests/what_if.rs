@@ -174,10 +174,10 @@ fn what_is_predicted_is_what_is_explained() {
             let [start, sum] = [account.constant_velocity(step), account.sum(step)];
             assert!(apart([start[0] + sum[0], start[1] + sum[1]], account.path_at(step)) < 1e-4);
         }
-        assert_eq!(explained.as_it_is.account.path, {
+        assert_eq!(explained.as_it_is.unwrap().account.path, {
             let alone = scene.predictor.explain(&scene.moment(), follower, &[], K).unwrap();
             assert!(alone.changed.is_none() && alone.changes.is_empty());
-            alone.as_it_is.account.path
+            alone.as_it_is.unwrap().account.path
         });
     }
     // The same as for the program: of a file of tracks, at a time.

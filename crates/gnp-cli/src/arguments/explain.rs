@@ -50,6 +50,10 @@ pub struct ExplainArgs {
     /// Add a car, such as 20,0,12 for one 20 m ahead of where the vehicle is, 0 m to the left, at 12 m/s; repeatable.
     #[arg(long, value_name = "X,Y,MPS", value_parser = added, allow_hyphen_values = true)]
     pub(crate) add: Vec<AddedCar>,
+    /// Explain another vehicle of the changed scene, such as "new 1", the first that is added; places of --add and --goal
+    /// still count from --vehicle.
+    #[arg(long, value_name = "VEHICLE")]
+    pub(crate) watch: Option<String>,
     /// Switch a term of the force off, such as neighbours; repeatable.
     #[arg(long, value_name = "NAME")]
     pub(crate) without_term: Vec<String>,

@@ -85,7 +85,8 @@ fn what_if(args: &ExplainArgs) -> WhatIf {
     let speeds = args.speed.iter().cloned().map(|(vehicle, speed_mps)| NamedChange::Speed { vehicle, speed_mps });
     let terms = args.without_term.iter().cloned().map(NamedChange::WithoutTerm);
     let changes = removed.chain(moved).chain(speeds).chain(terms).collect();
-    WhatIf { changes, added: args.add.clone(), goal: args.goal.map(|Place(goal)| goal) }
+    let (added, watch) = (args.add.clone(), args.watch.clone());
+    WhatIf { changes, added, goal: args.goal.map(|Place(goal)| goal), watch }
 }
 
 /// What readers are told of the road.

@@ -75,6 +75,14 @@ impl<'a> Changes<'a> {
         Ok(changes)
     }
 
+    /// The carriageway of a vehicle that is added.
+    pub(crate) fn road_of_added(&self, vehicle: u32) -> Option<u16> {
+        self.all.iter().find_map(|change| match change {
+            Change::Scene(SceneEdit::Add(new)) if new.vehicle == vehicle => Some(new.road),
+            _ => None,
+        })
+    }
+
     fn one(
         &mut self,
         request: &ChangeRequest,

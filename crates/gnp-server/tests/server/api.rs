@@ -140,6 +140,43 @@ fn an_explanation_says_what_the_forecasts_are() {
     assert_eq!(alone["as_it_is"], answer["as_it_is"]);
 }
 
+/// Its causes in the changed scene, and no difference from one in which it was not.
+#[test]
+fn a_vehicle_that_is_added_is_explained_as_it_is_then() {
+    let server = Running::shared();
+    let at = numbers(&of(&changed(json!([])), "542")["at"]);
+    // Behind a vehicle, and ahead of another one.
+    let new = json!({"kind": "add", "vehicle": "new 1", "at": [at[0] - 12., at[1]], "mps": 14});
+    let changes = json!([new, {"kind": "without_term", "term": "lines"}]);
+    let explain = |changes: &Value| {
+        let scene = json!({"recording": RECORDING, "time_s": 5});
+        server.post("/v1/explain", &json!({"scene": scene, "vehicle": "new 1", "changes": changes}))
+    };
+    let answer = explain(&changes);
+    assert_eq!(answer.status, 200, "{answer:?}");
+    let answer = answer.json();
+    assert_eq!((&answer["as_it_is"], &answer["change"]), (&Value::Null, &Value::Null));
+    assert_eq!((answer["vehicle_name"].as_str(), answer["segment"].as_u64()), (Some("new 1"), Some(0)));
+    let account = &answer["changed"];
+    let sentence = account["sentence"].as_str().unwrap();
+    assert!(sentence.contains("vehicle new 1 gets ") && sentence.ends_with("is added: there is no forecast from before."), "{sentence}");
+    let leader = account["parts"].as_array().unwrap().iter().find(|part| part["kind"] == "leader").unwrap();
+    assert_eq!((&leader["id"], &leader["place"]), (&json!("542"), &json!(1)));
+    let forecasts = changed(changes);
+    for (said, is) in numbers(account["modes"][0]["path"].as_array().unwrap().last().unwrap()).iter().zip(end(&forecasts, "new 1")) {
+        assert!((said - is).abs() < 0.011, "{said} {is}");
+    }
+    for axis in 0..2 {
+        let last = |value: &Value| numbers(value.as_array().unwrap().last().unwrap())[axis];
+        let sum: f64 = account["parts"].as_array().unwrap().iter().map(|part| last(&part["displacement"])).sum();
+        assert!((last(&account["constant_velocity"]) + sum - last(&account["path"])).abs() < 0.002);
+    }
+    // Who is added and gone has none.
+    let gone = explain(&json!([new, {"kind": "remove", "vehicle": "new 1"}]));
+    assert_eq!((gone.status, gone.problem().as_str()), (422, "invalid-change"));
+    assert!(gone.json()["detail"].as_str().unwrap().contains("vehicle new 1 is the one that is explained"));
+}
+
 /// Tracks of a platoon, each place put into a plane.
 fn tracks(place: impl Fn([f64; 2]) -> [f64; 2]) -> Value {
     let track = |x: f64, v: f64, y: f64| -> Vec<[f64; 3]> {

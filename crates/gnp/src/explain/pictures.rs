@@ -7,9 +7,10 @@ use gnp_plot::{Figure, Mark, Scene, Source, VehicleBox, WhatIf, contributions, w
 
 use super::Explained;
 use crate::error::Result;
-use crate::what_if::{Change, ChangedMoment, Moment};
+use crate::what_if::{Change, ChangedMoment, ExplainedForecast, Moment};
 
-/// `contributions`, and with changes `what-if`; with what happened where there is a window.
+/// `contributions`, of a vehicle that is added in the changed scene, and with changes of others' scenes `what-if`; with what
+/// happened where there is a window.
 pub(crate) fn pictures(
     explained: &Explained,
     window: Option<&Window<'_>>,
@@ -17,10 +18,15 @@ pub(crate) fn pictures(
     changes: &[Change],
     source: &Source,
 ) -> Result<Vec<Figure>> {
-    let (key, as_it_is) = (&explained.key, &explained.as_it_is);
-    let what = format!("{}, vehicle {}, frame {}", key.recording, as_it_is.account.name(key.vehicle), key.t0);
+    let key = &explained.key;
+    let what = format!("{}, vehicle {}, frame {}", key.recording, explained.name(), key.t0);
     let title = "What moves a vehicle from constant velocity to its predicted path";
-    let mut figures = vec![contributions("contributions", title, &what, &as_it_is.account, source)];
+    let causes = |what: &str, of: &ExplainedForecast| contributions("contributions", title, what, &of.account, source);
+    let Some(as_it_is) = &explained.as_it_is else {
+        let what = format!("{what}, {}", explained.changes);
+        return Ok(explained.changed.iter().map(|changed| causes(&what, changed)).collect());
+    };
+    let mut figures = vec![causes(&what, as_it_is)];
     let (Some(after), Some(change)) = (&explained.changed, explained.change()) else { return Ok(figures) };
     let before = moment.scene().observation(key.vehicle)?;
     let forecast = as_it_is.forecast.clone();

@@ -4,6 +4,7 @@ use gnp_data::{Account, Cause};
 use serde_json::{Value, json};
 
 use super::Explained;
+use crate::what_if::ExplainedForecast;
 
 /// Times of the columns, s.
 const TIMES_S: [f64; 3] = [1., 3., 5.];
@@ -14,16 +15,29 @@ impl Explained {
     pub fn text(&self) -> String {
         let key = &self.key;
         let simulated = if self.simulated { ", *simulated*" } else { "" };
-        let as_it_is = &self.as_it_is.account;
-        let vehicle = as_it_is.name(key.vehicle);
-        let head = format!("{}, vehicle {vehicle}, frame {}{simulated}", key.recording, key.t0);
-        let mut parts = vec![format!("{head}\n{}\n\n{}", as_it_is.sentence(), table(as_it_is, "path"))];
-        if let (Some(changed), Some(change)) = (&self.changed, self.change()) {
-            let (words, changed) = (capital(&self.changes), &changed.account);
-            parts.push(format!("{words}:\n{}\n\n{}", changed.sentence(), table(changed, "path")));
+        let head = format!("{}, vehicle {}, frame {}{simulated}", key.recording, self.name(), key.t0);
+        let mut parts = Vec::new();
+        if let Some(ExplainedForecast { account, .. }) = &self.as_it_is {
+            parts.push(format!("{}\n\n{}", account.sentence(), table(account, "path")));
+        }
+        let words = capital(&self.changes);
+        if let Some(changed) = &self.changed {
+            let sentence = self.sentence_of_changed(changed);
+            parts.push(format!("{words}:\n{sentence}\n\n{}", table(&changed.account, "path")));
+        }
+        if let Some(change) = self.change() {
             parts.push(format!("{}\n\n{}", change.sentence_of_change(&words), table(&change, "difference")));
         }
-        parts.join("\n\n")
+        format!("{head}\n{}", parts.join("\n\n"))
+    }
+
+    /// What the forecast of the changed scene is; and of a vehicle that is added, that there is no other.
+    fn sentence_of_changed(&self, changed: &ExplainedForecast) -> String {
+        let sentence = changed.account.sentence();
+        match self.as_it_is {
+            Some(_) => sentence,
+            None => format!("{sentence} Vehicle {} is added: there is no forecast from before.", self.name()),
+        }
     }
 
     /// Everything as JSON: displacements in m at every step, along the road and to the left.
@@ -33,13 +47,13 @@ impl Explained {
         json!({
             "recording": key.recording,
             "vehicle": key.vehicle,
-            "vehicle_name": self.as_it_is.account.name(key.vehicle),
+            "vehicle_name": self.name(),
             "segment": key.segment,
             "frame": key.t0,
             "simulated": self.simulated,
-            "as_it_is": account(&self.as_it_is.account, self.as_it_is.account.sentence()),
+            "as_it_is": self.as_it_is.as_ref().map(|it| account(&it.account, it.account.sentence())),
             "changes": (!self.changes.is_empty()).then_some(&self.changes),
-            "changed": self.changed.as_ref().map(|changed| account(&changed.account, changed.account.sentence())),
+            "changed": self.changed.as_ref().map(|it| account(&it.account, self.sentence_of_changed(it))),
             "change": self.change().map(|change| {
                 let sentence = change.sentence_of_change(&capital(&self.changes));
                 account(&change, sentence)
@@ -124,7 +138,6 @@ mod tests {
     use gnp_data::{Contribution, Forecast, WindowKey};
 
     use super::*;
-    use crate::what_if::ExplainedForecast;
 
     fn explained() -> Explained {
         let part = |cause, by: f32| Contribution {
@@ -144,7 +157,7 @@ mod tests {
         Explained {
             key: WindowKey { recording: "us101-2".to_owned(), vehicle: 12, segment: 0, t0: 130 },
             simulated: false,
-            as_it_is: account(-0.5),
+            as_it_is: Some(account(-0.5)),
             changed: Some(account(-0.3)),
             changes: "with vehicle 34 at 12 m/s".to_owned(),
             figures: Vec::new(),
@@ -176,5 +189,18 @@ mod tests {
         assert!((value["change"]["path"][4][0].as_f64().unwrap() - 5.).abs() < 1e-5);
         let alone = Explained { changed: None, changes: String::new(), ..explained() };
         assert!(alone.json()["changed"].is_null() && !alone.text().contains("difference"));
+    }
+
+    #[test]
+    fn who_is_added_has_no_forecast_from_before() {
+        let added = Explained { as_it_is: None, ..explained() };
+        let value = added.json();
+        assert!(value["as_it_is"].is_null() && value["change"].is_null());
+        let sentence = value["changed"]["sentence"].as_str().unwrap();
+        assert!(sentence.starts_with("In 5 s vehicle 12 gets 5.0 m less far than"), "{sentence}");
+        assert!(sentence.ends_with(" Vehicle 12 is added: there is no forecast from before."), "{sentence}");
+        let text = added.text();
+        assert!(text.starts_with("us101-2, vehicle 12, frame 130\nWith vehicle 34 at 12 m/s:\nIn 5 s "), "{text}");
+        assert!(text.contains(sentence) && !text.contains("difference"), "{text}");
     }
 }

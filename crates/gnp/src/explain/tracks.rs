@@ -73,9 +73,9 @@ pub fn explain_tracks(question: &TracksQuestion, machine: &Machine) -> Result<Ex
     let simulated = meta.simulated || model.card().data.simulated;
     let words = Words { words: format!("{} by the model {}", meta.name, model.card().name), simulated };
     let vehicle = observation.vehicle();
-    let changes = question.what_if.around(vehicle, &moment)?;
+    let (changes, watched) = question.what_if.around(vehicle, &moment)?;
     let predictor = ScenePredictor::of(gnp, model.card().data.simulated);
-    let (mut explained, changed) = predictor.told(&moment, vehicle, &changes, model.card().predict.k)?;
+    let (mut explained, changed) = predictor.told(&moment, watched, &changes, model.card().predict.k)?;
     explained.figures = pictures(&explained, None, (&moment, &changed), &changes, &words)?;
     Ok(explained)
 }

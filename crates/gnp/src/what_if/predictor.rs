@@ -152,7 +152,7 @@ impl ScenePredictor {
     }
 
     /// Explains the forecast of a vehicle, with at most `k` futures, as it is and, where something is changed, in the
-    /// changed moment; without figures.
+    /// changed moment; without figures. A vehicle that a change adds has no forecast as it is, and so no difference.
     ///
     /// # Errors
     /// [`Error::Change`](crate::Error::Change) for a change that cannot be made, such as one that removes the vehicle; when there is no such
@@ -169,16 +169,22 @@ impl ScenePredictor {
         changes: &[Change],
         k: usize,
     ) -> Result<(Explained, ChangedMoment)> {
+        let added = changes.iter().find_map(|change| match change {
+            Change::Scene(SceneEdit::Add(new)) if new.vehicle == vehicle => Some(new),
+            _ => None,
+        });
         let removes = |change: &Change| *change == Change::Scene(SceneEdit::Remove { vehicle });
         if let Some(index) = changes.iter().position(removes) {
-            return Err(ChangeError { index, problem: ChangeProblem::Explained { name: moment.name(vehicle) } }.into());
+            let name = added.and_then(|new| new.name.clone()).unwrap_or_else(|| moment.name(vehicle));
+            return Err(ChangeError { index, problem: ChangeProblem::Explained { name } }.into());
         }
-        let as_it_is = self.explained(&moment.changed(&[])?, vehicle, k)?;
+        let as_it_is =
+            if added.is_some() { None } else { Some(self.explained(&moment.changed(&[])?, vehicle, k)?) };
         let moment_now = moment.changed(changes)?;
         let changed = if changes.is_empty() { None } else { Some(self.explained(&moment_now, vehicle, k)?) };
         let words: Vec<String> =
             changes.iter().map(|change| change.words(|number| moment_now.now().name(number))).collect();
-        let seen = moment.scene().observation(vehicle)?;
+        let seen = if added.is_some() { moment_now.now() } else { moment }.scene().observation(vehicle)?;
         let explained = Explained {
             // A snapshot may count frames otherwise.
             key: WindowKey { t0: moment.frame(), ..seen.key() },
