@@ -1,6 +1,6 @@
 //! The web server of GNP: a scene one can change, with live forecasts, and the same as an HTTP API.
 //!
-//! [`Server::bind`] listens, [`Server::run`] answers. What it answers stands in `openapi.json`, which it serves; what it
+//! [`Listening`] is bound to its port before there is anything to serve, [`Server::run`] answers. What it answers stands in `openapi.json`, which it serves; what it
 //! refuses are problem details of a [`ProblemKind`]. Lengths in m, times in s, speeds in m/s, places in the road frame of
 //! the carriageway: x forward, y to the left.
 
@@ -26,4 +26,4 @@ pub use crate::app::Route;
 pub use crate::config::ServerConfig;
 pub use crate::error::ServerError;
 pub use crate::problem::ProblemKind;
-pub use crate::server::Server;
+pub use crate::server::{Listening, Server};

@@ -23,6 +23,52 @@ const GRACE: Duration = Duration::from_secs(5);
 /// So long before that who is still in line is sent away.
 const SENT_AWAY: Duration = Duration::from_millis(1000);
 
+/// What listens already, and answers nobody before it has a model and recordings: what is wrong with the settings is said
+/// before these are read.
+#[derive(Debug)]
+pub struct Listening {
+    config: ServerConfig,
+    listener: TcpListener,
+    address: SocketAddr,
+    doorkeeper: Doorkeeper,
+}
+
+impl Listening {
+    /// Listens where `config` says.
+    ///
+    /// # Errors
+    /// When the port is taken or cannot be had; when a host or an origin of the settings is none.
+    pub fn begin(config: ServerConfig) -> Result<Self, ServerError> {
+        let asked = SocketAddr::new(config.listen, config.port);
+        let refused = |source: io::Error| match source.kind() {
+            ErrorKind::AddrInUse => ServerError::PortTaken { address: asked },
+            _ => ServerError::Listen { address: asked, source },
+        };
+        let listener = TcpListener::bind(asked).map_err(refused)?;
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        let doorkeeper = Doorkeeper::new(&config, address)?;
+        Ok(Self { config, listener, address, doorkeeper })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The server of requests about `recordings` and about tracks that a request brings, predicted by `model`. No other file
+    /// is read from here on.
+    ///
+    /// # Errors
+    /// When a recording cannot be used, or the model has no card that can be said.
+    pub fn serve(self, model: Model, recordings: Vec<Recording>) -> Result<Server, ServerError> {
+        let Self { config, listener, address, doorkeeper } = self;
+        let app = Arc::new(App::new(config, model, recordings)?);
+        Ok(Server { listener, address, doorkeeper, app })
+    }
+}
+
 /// A server that listens, and answers once it [runs](Server::run).
 ///
 /// ```no_run
@@ -46,23 +92,12 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens where `config` says, for requests about `recordings` and about tracks that a request brings, predicted by
-    /// `model`. No other file is read from here on.
+    /// [`Listening::begin`] and [`Listening::serve`] in one.
     ///
     /// # Errors
-    /// When the port is taken or cannot be had; when a setting or a recording cannot be used.
+    /// As these.
     pub fn bind(config: ServerConfig, model: Model, recordings: Vec<Recording>) -> Result<Self, ServerError> {
-        let asked = SocketAddr::new(config.listen, config.port);
-        let app = Arc::new(App::new(config, model, recordings)?);
-        let refused = |source: io::Error| match source.kind() {
-            ErrorKind::AddrInUse => ServerError::PortTaken { address: asked },
-            _ => ServerError::Listen { address: asked, source },
-        };
-        let listener = TcpListener::bind(asked).map_err(refused)?;
-        listener.set_nonblocking(true)?;
-        let address = listener.local_addr()?;
-        let doorkeeper = Doorkeeper::new(&app.config, address)?;
-        Ok(Self { listener, address, doorkeeper, app })
+        Listening::begin(config)?.serve(model, recordings)
     }
 
     /// Where it listens.

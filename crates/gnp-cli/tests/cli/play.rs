@@ -38,6 +38,24 @@ fn a_port_that_is_taken_is_an_error_with_what_to_do() {
         .badly(&["another program listens", "--port 0"]);
 }
 
+/// The recordings would be an error of their own.
+#[test]
+fn what_is_wrong_with_an_option_is_said_before_recordings_are_read() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let badly = |words: &[&str], parts: &[&str]| {
+        let all = [&["play", "--input", "nowhere.csv"], words].concat();
+        assert!(!run(&all).badly(parts).err.contains("nowhere.csv"), "{words:?}");
+    };
+    badly(&["--port", "0", "--allow-host", "http://a.example"], &["\"http://a.example\" is no host"]);
+    badly(&["--port", "0", "--allow-origin", "a.example"], &["\"a.example\" is no origin"]);
+    badly(&["--port", &port], &["another program listens"]);
+    badly(&["--port", "0", "--listen", "192.0.2.1"], &["cannot listen on 192.0.2.1:0"]);
+    badly(&["--port", "0", "--model", "no/model"], &["no/model"]);
+    badly(&["--port", "0", "--road", "no-road.csv"], &["no-road.csv"]);
+    run(&["play", "--port", "0", "--input", "nowhere.csv"]).badly(&["nowhere.csv"]);
+}
+
 #[test]
 fn a_recording_that_is_not_there_is_named_beside_those_that_are() {
     let tracks = data(&[SCENE]);
