@@ -1,7 +1,6 @@
 //! `POST /v1/explain`: what is behind the forecast of a vehicle, and what a changed scene does to it.
 
 use gnp::ExplainedForecast;
-use gnp_data::Cause;
 use gnp_force::Arity;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -47,17 +46,7 @@ impl ExplainRequest {
         let mut answer = explained.json();
         for (name, forecast) in sides {
             let Some(forecast) = forecast else { continue };
-            let ids = forecast.account.parts.iter().map(|part| match &part.cause {
-                Cause::Leader { vehicle, .. } | Cause::Neighbour { vehicle } => json!(forecast.account.name(*vehicle)),
-                _ => Value::Null,
-            });
-            name_parts(&mut answer[name], ids);
             add(&mut answer[name], forecast, &scene, road, every);
-        }
-        if let Some(change) = explained.change() {
-            let ids =
-                change.parts.iter().map(|part| part.cause.vehicle().map_or(Value::Null, |it| json!(change.name(it))));
-            name_parts(&mut answer["change"], ids);
         }
         answer["model"] = json!(app.model.name());
         answer["time_s"] = json!(scene.moment.time_s());
@@ -66,13 +55,6 @@ impl ExplainRequest {
         }
         round(&mut answer);
         Ok(answer)
-    }
-}
-
-/// Names the vehicle of each part as requests do.
-fn name_parts(account: &mut Value, ids: impl Iterator<Item = Value>) {
-    for (part, id) in account["parts"].as_array_mut().into_iter().flatten().zip(ids) {
-        part["id"] = id;
     }
 }
 

@@ -135,6 +135,13 @@ fn an_explanation_says_what_the_forecasts_are() {
     }
     assert!(answer["as_it_is"]["parts"].as_array().unwrap().iter().any(|part| part["id"] == leader.as_str()));
     assert!(answer["change"]["sentence"].as_str().unwrap().contains(&leader), "{}", answer["change"]["sentence"]);
+    // Fields of another kind of cause are left out, and a name is one of the scene in the difference, too.
+    for part in ["as_it_is", "changed", "change"].iter().flat_map(|side| answer[side]["parts"].as_array().unwrap()) {
+        let (kind, part) = (part["kind"].as_str().unwrap(), part.as_object().unwrap());
+        let of_vehicle = matches!(kind, "leader" | "neighbour");
+        assert!(part.contains_key("id") == of_vehicle && part.contains_key("vehicle") == of_vehicle, "{part:?}");
+        assert_eq!(part.contains_key("place"), kind == "leader", "{part:?}");
+    }
     let alone = server.post("/v1/explain", &json!({"scene": request["scene"], "vehicle": "542"})).json();
     assert_eq!((&alone["changed"], &alone["change"]), (&Value::Null, &Value::Null));
     assert_eq!(alone["as_it_is"], answer["as_it_is"]);

@@ -98,22 +98,28 @@ fn number(value: f32) -> String {
 fn account(account: &Account, sentence: String) -> Value {
     let steps = || 1..=account.steps();
     let part = |part: &gnp_data::Contribution| {
-        let (kind, vehicle) = match &part.cause {
-            Cause::FreeRoad => ("free_road", None),
-            Cause::Leader { vehicle, .. } => ("leader", Some(*vehicle)),
-            Cause::Intention => ("intention", None),
-            Cause::Neighbour { vehicle } => ("neighbour", Some(*vehicle)),
-            _ => ("term", None),
+        let kind = match &part.cause {
+            Cause::FreeRoad => "free_road",
+            Cause::Leader { .. } => "leader",
+            Cause::Intention => "intention",
+            Cause::Neighbour { .. } => "neighbour",
+            _ => "term",
         };
-        let place = if let Cause::Leader { place, .. } = part.cause { Some(place) } else { None };
-        json!({
+        let mut value = json!({
             "cause": account.cause_name(&part.cause),
             "kind": kind,
-            "vehicle": vehicle,
-            "place": place,
             "physical": part.cause.is_physical(),
             "displacement": part.displacement,
-        })
+        });
+        // What another kind has is left out.
+        if let Some(vehicle) = part.cause.vehicle() {
+            value["vehicle"] = vehicle.into();
+            value["id"] = account.name(vehicle).into();
+        }
+        if let Cause::Leader { place, .. } = part.cause {
+            value["place"] = place.into();
+        }
+        value
     };
     json!({
         "sentence": sentence,
@@ -133,7 +139,7 @@ fn capital(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
+    use std::collections::{BTreeMap, BTreeSet};
 
     use gnp_data::{Contribution, Forecast, WindowKey};
 
@@ -185,6 +191,9 @@ mod tests {
         assert_eq!((value["vehicle"].as_u64(), value["frame"].as_u64()), (Some(12), Some(130)));
         let parts = value["as_it_is"]["parts"].as_array().unwrap();
         assert_eq!((&parts[0]["kind"], &parts[0]["vehicle"]), (&json!("leader"), &json!(34)));
+        assert_eq!((&parts[0]["id"], &parts[0]["place"]), (&json!("34"), &json!(1)));
+        let fields: BTreeSet<&str> = parts[1].as_object().unwrap().keys().map(String::as_str).collect();
+        assert_eq!(fields, BTreeSet::from(["cause", "displacement", "kind", "physical"]), "of an intention");
         assert_eq!((&parts[1]["physical"], parts[1]["displacement"].as_array().unwrap().len()), (&json!(false), 5));
         assert!((value["change"]["path"][4][0].as_f64().unwrap() - 5.).abs() < 1e-5);
         let alone = Explained { changed: None, changes: String::new(), ..explained() };
