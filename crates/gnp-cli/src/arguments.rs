@@ -184,6 +184,7 @@ and report.html with a player; with --fcd SUMO's floating car data. The same sce
 Examples:
   gnp measure --dataset ngsim
   gnp measure --dataset highd --data-dir D --out measured
+  gnp measure --dataset sumo --data-dir fcd.xml --road centre-line.csv     of any format and rate, along its road
 
 Writes a folder for each recording, with the same tables, figures and page as `simulate`.")]
     Measure(MeasureArgs),

@@ -11,7 +11,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    CompareRequest, Conversion, DriveOn, Machine, Measured, Plan, PredictionsOn, PreparedTable, Progress as _,
+    CompareRequest, Conversion, DriveOn, Machine, Measured, Measurement, Plan, PredictionsOn, PreparedTable, Progress as _,
     RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory,
     score_predictions, score_recordings,
 };
@@ -346,6 +346,9 @@ fn simulate(args: &SimulateArgs, program: &Program) -> Result<()> {
     if let Some(dataset) = args.dataset {
         return simulate_from(args, dataset, program);
     }
+    if args.road.any() {
+        bail!("--road and --lines are for recordings (--dataset); the file of a scene has its own");
+    }
     if let Some(name) = &args.print {
         let Some((_, text)) = Scene::EMBEDDED.iter().find(|(known, _)| known == name) else {
             let names: Vec<&str> = Scene::EMBEDDED.iter().map(|(known, _)| *known).collect();
@@ -374,6 +377,7 @@ fn simulate_from(args: &SimulateArgs, dataset: Dataset, program: &Program) -> Re
     let of = DriveOn {
         dataset,
         data: args.data_dir.clone(),
+        tracks: model::tracks(&args.road)?,
         recording: args.recording.clone(),
         at_s: args.at,
         seconds: args.seconds,
@@ -404,9 +408,9 @@ fn realism(args: &RealismArgs, program: &Program) -> Result<()> {
 
 fn measure(args: &MeasureArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let config = RunConfig::embedded(args.dataset.as_str(), &[])?;
     let out = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("measured-{}", args.dataset)));
-    tell(&gnp::measure(&config, args.data_dir.as_deref(), &out, &machine)?, &machine);
+    let (dataset, data, tracks) = (args.dataset, args.data_dir.clone(), model::tracks(&args.road)?);
+    tell(&gnp::measure(&Measurement { dataset, data, tracks, out }, &machine)?, &machine);
     Ok(())
 }
 

@@ -9,7 +9,7 @@ use crate::machine::Machine;
 use crate::run::Run;
 use crate::run::folder::{write, write_json};
 use crate::text::COLUMNS;
-use gnp_data::{Dataset, Recording};
+use gnp_data::{Dataset, Recording, TrackOptions};
 use gnp_force::{Driver, Mobil};
 use gnp_simulation::SimulationError;
 use gnp_simulation::drivers::{FitConfig, fit_drivers, fit_lane_changes};
@@ -65,7 +65,7 @@ impl RealismPlan {
 /// all runs.
 pub fn realism(plan: &RealismPlan, machine: &Machine) -> Result<Table> {
     let mut sites: BTreeMap<(String, bool), Vec<Recording>> = BTreeMap::new();
-    for recording in read_all(plan.dataset, plan.data.as_deref(), machine)? {
+    for recording in read_all(plan.dataset, plan.data.as_deref(), &TrackOptions::default(), machine)? {
         let site = (recording.meta().site.clone(), recording.meta().simulated);
         sites.entry(site).or_default().push(recording);
     }

@@ -11,14 +11,13 @@ use std::io::{BufWriter, Write as _};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use gnp_data::{Recording, TrackTable, write_fcd, write_fcd_types};
+use gnp_data::{Dataset, Recording, TrackOptions, TrackTable, write_fcd, write_fcd_types};
 use gnp_measures::{Course, Settings, Summary, Traffic, cell_rows, detector_rows, event_rows};
 use gnp_plot::Source;
 use gnp_simulation::{Counts, Scene, Simulated, SimulationError, write_parquet};
 use serde_json::Value;
 
-use crate::config::RunConfig;
-use crate::data::{ingest, source};
+use crate::data::source::read_all;
 use crate::error::{Context as _, Error, Result, bail};
 use crate::inside::inside;
 use crate::machine::Machine;
@@ -44,6 +43,19 @@ pub struct Simulation {
     pub out: PathBuf,
     /// Whether to write SUMO's floating car data, which is large.
     pub fcd: bool,
+}
+
+/// Which recordings to measure.
+#[derive(Clone, Debug)]
+pub struct Measurement {
+    /// Kind of recordings.
+    pub dataset: Dataset,
+    /// A folder (or file) of them; without it, those that come with the project.
+    pub data: Option<PathBuf>,
+    /// What is known of the road, for formats whose tracks lie in any plane; the recordings have any rate where none is named.
+    pub tracks: TrackOptions,
+    /// The folder to write, in which each recording has one of its own.
+    pub out: PathBuf,
 }
 
 /// What was measured of one recording.
@@ -173,11 +185,9 @@ fn keep_tracks(recording: &Recording, out: &Path, fcd: bool) -> Result<()> {
 /// Measures recordings, real or simulated, as [`simulate`] measures what it drove: each into a folder of its own.
 ///
 /// # Errors
-/// When the recordings cannot be read, or the folder not written.
-pub fn measure(config: &RunConfig, data_dir: Option<&Path>, out: &Path, machine: &Machine) -> Result<Vec<Measured>> {
-    let place = tempfile::tempdir().context("cannot make a temporary folder")?;
-    let report = ingest::run(source::find(config, data_dir)?, config, place.path(), machine)?;
-    let recordings = report.load(place.path(), machine)?;
+/// When there are no recordings, or they cannot be read, or the folder not written.
+pub fn measure(of: &Measurement, machine: &Machine) -> Result<Vec<Measured>> {
+    let recordings = read_all(of.dataset, of.data.as_deref(), &of.tracks, machine)?;
     if recordings.is_empty() {
         bail!(Recordings, "there are no recordings to measure");
     }
@@ -188,7 +198,7 @@ pub fn measure(config: &RunConfig, data_dir: Option<&Path>, out: &Path, machine:
         let meta = recording.meta();
         work.at(done as u64, &meta.name);
         let source = Source { words: format!("{}, {}", meta.name, meta.site), simulated: meta.simulated };
-        let folder = inside(out, &meta.name)?;
+        let folder = inside(&of.out, &meta.name)?;
         clear(&folder)?;
         let traffic = Traffic::new(recording, Course::Open)?;
         all.push(measure_one(&traffic, Settings::default(), &source, &folder, "", None, machine)?);

@@ -14,7 +14,7 @@ use gnp::{
     CompareRequest, DriveOn, JobState, Machine, Plan, PreparedTable, Progress, Recipes, ReplayDrivers, Run, Silent,
     Stage, Stop, Work,
 };
-use gnp_data::Dataset;
+use gnp_data::{Dataset, TrackOptions};
 use tempfile::TempDir;
 
 use smoke::config;
@@ -247,6 +247,7 @@ fn a_model_is_used_without_its_recordings_and_not_with_other_ones() {
         let (scores, _) = gnp::score_recordings(&run, &other, &out.path().join("scores")).unwrap();
         assert!(!scores.scores.is_empty());
         let drive = DriveOn {
+            tracks: TrackOptions::default(),
             dataset: Dataset::NGSIM,
             data: Some(other.clone()),
             recording: None,

@@ -1,7 +1,8 @@
 //! Traffic by scene files and from recordings: what is written, and what it says.
 #![allow(clippy::unwrap_used, reason = "a test that cannot read what was written has failed")]
-use gnp::{DriveOn, Machine, ReplayDrivers, RunConfig, Scene, Simulation, measure, scene, simulate, simulate_from};
-use gnp_data::Dataset;
+use gnp::{DriveOn, Machine, Measurement, ReplayDrivers, Scene, Simulation, measure, scene, simulate, simulate_from};
+use gnp_data::{Dataset, TrackOptions};
+use gnp_road::ReferenceLine;
 use std::path::Path;
 
 const FILES: [&str; 6] =
@@ -42,11 +43,42 @@ fn a_scene_is_driven_measured_and_drawn() {
     assert!(!all[0].out.join("fcd.xml").exists() && !all[0].out.join("fcd.add.xml").exists());
 }
 
+fn measurement(data: Option<&Path>, out: &Path) -> Measurement {
+    let (data, out) = (data.map(Path::to_owned), out.to_owned());
+    Measurement { dataset: Dataset::NGSIM, data, tracks: TrackOptions::default(), out }
+}
+
+/// At a rate that no model has, and along a road that curves.
+#[test]
+fn tracks_of_any_rate_are_measured_along_their_road() {
+    const RADIUS: f64 = 300.;
+    let place = |s: f64, d: f64| [(RADIUS - d) * (s / RADIUS).sin(), RADIUS - (RADIUS - d) * (s / RADIUS).cos()];
+    let folder = tempfile::tempdir().unwrap();
+    let mut text = "id,time,x,y,length,width\n".to_owned();
+    for row in 0..=70 {
+        let time = f64::from(row) / 7.;
+        for (name, start, d) in [("a", 0., 1.8), ("b", 30., 1.8), ("bus", 10., 5.4)] {
+            let [x, y] = place(start + 20. * time, d);
+            text += &format!("{name},{time:.5},{x:.4},{y:.4},4.5,1.8\n");
+        }
+    }
+    let file = folder.path().join("arc.csv");
+    std::fs::write(&file, text).unwrap();
+    let of = Measurement { dataset: Dataset::TRACKS, ..measurement(Some(&file), &folder.path().join("out")) };
+    let error = measure(&of, &Machine::default()).unwrap_err().to_string();
+    assert!(error.contains("arc.csv") && error.contains("road"), "{error}");
+    let points: Vec<[f64; 2]> = (0..=60).map(|i| place(5. * f64::from(i) - 20., 0.)).collect();
+    let tracks = TrackOptions { road: Some(ReferenceLine::from_points(&points).unwrap()), ..TrackOptions::default() };
+    let measured = measure(&Measurement { tracks, ..of }, &Machine::default()).unwrap().remove(0);
+    let summary = &measured.summary;
+    assert_eq!((summary.recording.as_str(), summary.vehicles, summary.rate_hz.round()), ("arc", 3, 7.));
+    assert!((summary.vehicle_km / summary.vehicle_h / 3.6 - 20.).abs() < 0.05, "{}", measured.text);
+}
+
 #[test]
 fn recordings_are_measured_and_say_that_they_are_real() {
     let folder = tempfile::tempdir().unwrap();
-    let config = RunConfig::embedded("ngsim", &[]).unwrap();
-    let all = measure(&config, None, folder.path(), &Machine::default()).unwrap();
+    let all = measure(&measurement(None, folder.path()), &Machine::default()).unwrap();
     assert_eq!(all.len(), 18);
     let sample = all.iter().find(|measured| measured.summary.recording == "i80-lanes123").unwrap();
     let page = read(&sample.out.join("report.html"));
@@ -66,8 +98,7 @@ fn what_is_measured_is_written_inside_the_folder() {
     std::fs::copy(fixture, &upwards).unwrap();
     let out = folder.path().join("out");
     std::fs::create_dir(&out).unwrap();
-    let config = RunConfig::embedded("ngsim", &[]).unwrap();
-    let error = measure(&config, Some(&upwards), &out, &Machine::default()).unwrap_err().to_string();
+    let error = measure(&measurement(Some(&upwards), &out), &Machine::default()).unwrap_err().to_string();
     assert!(error.contains("\"..\" is no name of something in this folder"), "{error}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is written beside the folder");
 }
@@ -78,6 +109,7 @@ fn traffic_drives_on_from_a_recorded_scene() {
     let of = DriveOn {
         dataset: Dataset::NGSIM,
         data: None,
+        tracks: TrackOptions::default(),
         recording: Some("us101-24_1".to_owned()),
         at_s: 0.,
         seconds: 30.,

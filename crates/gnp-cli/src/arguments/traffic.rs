@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use gnp_data::Dataset;
 
-use super::MachineArgs;
+use super::{MachineArgs, RoadArgs};
 use crate::names::{dataset, seconds};
 
 /// What to simulate.
@@ -32,6 +32,9 @@ pub struct SimulateArgs {
     /// Folder (or file) of recordings [default: those embedded in the project].
     #[arg(long, value_name = "DIR", requires = "dataset", conflicts_with = "scene")]
     pub(crate) data_dir: Option<PathBuf>,
+    /// On which road, of recordings.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
     /// Which recording [default: the one with most rows].
     #[arg(long, value_name = "NAME", requires = "dataset", conflicts_with = "scene")]
     pub(crate) recording: Option<String>,
@@ -89,6 +92,9 @@ pub struct MeasureArgs {
     /// Folder (or file) of recordings as downloaded; without it the data embedded in the project is used.
     #[arg(long, value_name = "DIR")]
     pub(crate) data_dir: Option<PathBuf>,
+    /// On which road.
+    #[command(flatten)]
+    pub(crate) road: RoadArgs,
     /// Folder to write [default: runs/measured-NAME]; files there are replaced.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,

@@ -90,7 +90,7 @@ fn what_if(args: &ExplainArgs) -> WhatIf {
 }
 
 /// What readers are told of the road.
-fn tracks(args: &RoadArgs) -> Result<TrackOptions> {
+pub(super) fn tracks(args: &RoadArgs) -> Result<TrackOptions> {
     let (road, lines) = args.parts()?;
     Ok(gnp::road_options(road.as_deref(), lines.as_deref())?)
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use gnp_data::{
-    Copies, Dataset, Expectation, Fingerprint, Format, Recording, Source, Taken, TrackOptions, format_of, read, survey,
+    Copies, Dataset, Fingerprint, Format, Recording, Source, Taken, TrackOptions, format_of, read_with, survey,
 };
 
 use crate::config::RunConfig;
@@ -48,19 +48,28 @@ pub(crate) fn find(config: &RunConfig, data_dir: Option<&Path>) -> Result<Found>
 }
 
 /// All recordings of a folder, or those that come with the project, at whatever rate, without copies; what is not read or
-/// left out is noted.
+/// left out is noted, and of a folder what was found in reading.
 ///
 /// # Errors
-/// When there are none, or one cannot be read.
-pub(crate) fn read_all(dataset: Dataset, data_dir: Option<&Path>, machine: &Machine) -> Result<Vec<Recording>> {
+/// When there are none, or one cannot be read, as where its tracks do not lie along the road that is given.
+pub(crate) fn read_all(
+    dataset: Dataset,
+    data_dir: Option<&Path>,
+    options: &TrackOptions,
+    machine: &Machine,
+) -> Result<Vec<Recording>> {
     let folder = data_dir.map_or_else(|| embedded_folder(dataset), |dir| Ok(dir.to_owned()))?;
     let found = survey(&folder, dataset)?;
     found.notes().iter().for_each(|note| machine.progress.note(note));
-    let expect = Expectation { dataset, rate_hz: None };
     let (mut copies, mut recordings) = (Copies::default(), Vec::<Recording>::new());
     for source in &found.sources {
         machine.stop.check()?;
-        for (recording, _) in read(source, &expect)? {
+        for (recording, report) in read_with(source, dataset, options)? {
+            if data_dir.is_some() {
+                let name = recording.meta().name.as_str();
+                let remark = |remark: String| machine.progress.note(&format!("{name}: {remark}"));
+                report.repeated_rows().into_iter().chain(report.remarks()).for_each(remark);
+            }
             let left_out = match copies.take(Fingerprint::of(&recording))? {
                 Taken::LeftOut(copy) => vec![copy],
                 Taken::Kept(left_out) => {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gnp_data::{Dataset, Recording};
+use gnp_data::{Dataset, Recording, TrackOptions};
 use gnp_force::Driver;
 use gnp_measures::{Course, Settings, Traffic};
 use gnp_plot::Source;
@@ -25,6 +25,8 @@ pub struct DriveOn {
     pub dataset: Dataset,
     /// The recordings; without it, those that come with the project.
     pub data: Option<PathBuf>,
+    /// What is known of the road, for formats whose tracks lie in any plane; the recordings have any rate where none is named.
+    pub tracks: TrackOptions,
     /// Name of the recording; without it, the one with most rows.
     pub recording: Option<String>,
     /// When to start, in s after the first frame that has 3 s of past.
@@ -62,7 +64,7 @@ pub enum ReplayDrivers {
 /// # Errors
 /// When there is no such recording or moment, the run cannot be used, or the folder not be written.
 pub fn simulate_from(of: &DriveOn, machine: &Machine) -> Result<Vec<Measured>> {
-    let recordings = read_all(of.dataset, of.data.as_deref(), machine)?;
+    let recordings = read_all(of.dataset, of.data.as_deref(), &of.tracks, machine)?;
     let recording = chosen(of, &recordings)?;
     let meta = recording.meta();
     let settings = ReplaySettings { past_s: PAST_S, duration_s: of.seconds, every_s: of.seconds };
