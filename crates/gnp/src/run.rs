@@ -80,10 +80,10 @@ impl Run {
     /// from what was written, their stages and what was made from them are to be done again, which is said.
     ///
     /// # Errors
-    /// When it is not a run folder, or a file is damaged that cannot be made again; when the folder is damaged and another
-    /// process writes into it.
+    /// When it is not a run folder, or a link that leads nowhere, or a file is damaged that cannot be made again; when the
+    /// folder is damaged and another process writes into it.
     pub fn resume(folder: &Path, machine: &Machine) -> Result<Self> {
-        sweep_drafts(folder, machine);
+        sweep_drafts(folder, machine)?;
         let (folder, damage) = RunFolder::look(folder, Need::All)?;
         sweep(&places(&folder), machine);
         if damage.is_empty() {

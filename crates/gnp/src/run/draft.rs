@@ -30,7 +30,7 @@ impl Draft {
         }
         let parent = place.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(parent).with_context(|| format!("cannot make the folder {}", parent.display()))?;
-        sweep_drafts(place, machine);
+        sweep_drafts(place, machine)?;
         let folder = match gnp_file::Draft::start(place) {
             Err(LockError::Held { owner, .. }) => {
                 let owner = owner.map_or_else(|| "another process".to_owned(), |owner| owner.to_string());
@@ -79,21 +79,28 @@ impl Draft {
     }
 }
 
-/// What `place` leads to: a folder cannot be moved to where a link is.
+/// What `place` leads to: a folder cannot be moved to where a link is, and is filled beside that.
 fn target(place: &Path) -> Result<PathBuf> {
+    // With a separator at its end a link would be taken for what it leads to.
+    let place: PathBuf = place.components().collect();
     if !place.is_symlink() {
-        return Ok(place.to_owned());
+        return Ok(place);
     }
-    fs::canonicalize(place).with_context(|| format!("{} is a link that leads nowhere; remove it", place.display()))
+    fs::canonicalize(&place).with_context(|| format!("{} is a link that leads nowhere; remove it", place.display()))
 }
 
-/// Removes what killed programs left of drafts for `place`, and says so.
-pub(crate) fn sweep_drafts(place: &Path, machine: &Machine) {
-    let left = gnp_file::sweep_drafts(place);
+/// Removes what killed programs left of drafts for `place`, or for what it links to, and says so.
+///
+/// # Errors
+/// When it is a link that leads nowhere.
+pub(crate) fn sweep_drafts(place: &Path, machine: &Machine) -> Result<()> {
+    let place = target(place)?;
+    let left = gnp_file::sweep_drafts(&place);
     if left > 0 {
         let place = place.display();
         machine.progress.note(&format!("unfinished folders for {place} that killed programs left: {left} removed"));
     }
+    Ok(())
 }
 
 /// Removes what killed programs left of files in `folders`, not below them, and says so.
@@ -162,6 +169,43 @@ mod tests {
         assert!(message.contains("made by another program meanwhile; give --resume"), "{message}");
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
         assert!(place.join("theirs").exists());
+    }
+
+    /// They lie beside the folder, whether that is named with a separator at its end or not, and not beside the link.
+    #[cfg(unix)]
+    #[test]
+    fn a_run_that_is_resumed_through_a_link_has_its_own_drafts_swept() {
+        use std::os::unix::fs::symlink;
+        let (disk, links) = (TempDir::new().unwrap(), TempDir::new().unwrap());
+        let (folder, link) = (disk.path().join("us101"), links.path().join("run"));
+        fs::create_dir(&folder).unwrap();
+        symlink(&folder, &link).unwrap();
+        let drafts = |parent: &TempDir| {
+            let names = fs::read_dir(parent.path()).unwrap().map(|entry| entry.unwrap().file_name());
+            names.filter(|name| name.to_string_lossy().contains(".unfinished-")).count()
+        };
+        // What a killed program leaves: its lock is free.
+        let leave = |place: &Path| {
+            let draft = gnp_file::Draft::start(place).unwrap();
+            let kept = draft.path().with_extension("kept");
+            let name = draft.path().to_owned();
+            fs::rename(&name, &kept).unwrap();
+            drop(draft);
+            fs::rename(&kept, &name).unwrap();
+        };
+        for named in [link.clone(), link.join("")] {
+            leave(&folder);
+            leave(&links.path().join("us101"));
+            assert_eq!((drafts(&disk), drafts(&links)), (1, 1));
+            // There is no run to go on with; what is unfinished goes before that is said.
+            let error = crate::Run::resume(&named, &Machine::default()).unwrap_err().to_string();
+            assert!(error.contains("is not a run folder"), "{error}");
+            assert_eq!((drafts(&disk), drafts(&links)), (0, 1), "{}", named.display());
+            assert_eq!(gnp_file::sweep_drafts(&links.path().join("us101")), 1);
+        }
+        fs::remove_dir(&folder).unwrap();
+        let error = crate::Run::resume(&link, &Machine::default()).unwrap_err().to_string();
+        assert!(error.contains("leads nowhere"), "{error}");
     }
 
     #[cfg(unix)]
