@@ -142,7 +142,7 @@ Examples:
   gnp explain --run runs/ngsim --vehicle 554 --speed 549=5 --json
   gnp explain --run runs/ngsim --vehicle 554 --move 549=-10,0 with vehicle 549 10 m farther back
   gnp explain --run runs/ngsim --vehicle 554 --add 20,0,12    with a car 20 m ahead, at 12 m/s
-  gnp explain --run runs/ngsim --vehicle 554 --add 20,0,12 --watch "new 1"   why that car itself goes where
+  gnp explain --run runs/ngsim --vehicle 554 --add 20,0,12 --watch \"new 1\"   why that car itself goes where
   gnp explain --run runs/ngsim --vehicle 554 --goal 60,-3.6   drawn to 60 m ahead and 3.6 m to the right
   gnp explain --input tracks.csv --vehicle 7 --at 12.5        of tracks, by the model that comes with the program
   gnp explain --input fcd.xml --vehicle flow.3 --without flow.2   vehicles are called as the file calls them

@@ -11,9 +11,9 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gnp::text::duration;
 use gnp::{
-    CompareRequest, Conversion, DriveOn, Machine, Measured, Measurement, Plan, PredictionsOn, PreparedTable, Progress as _,
-    RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage, memory,
-    score_predictions, score_recordings,
+    CompareRequest, Conversion, DriveOn, Machine, Measured, Measurement, Plan, PredictionsOn, PreparedTable,
+    Progress as _, RealismPlan, Recipes, ReplayDrivers, Run, RunConfig, Scene, Scores, Silent, Simulation, Stage,
+    memory, score_predictions, score_recordings,
 };
 use gnp_data::{Dataset, FORMATS};
 use gnp_eval::Protocol;

@@ -78,7 +78,9 @@ pub use crate::run::folder::{DataState, RunState, Stage};
 pub use crate::run::manifest::RunFile;
 pub use crate::stages::Plan;
 pub use crate::tables::{CompareRequest, JobReport, JobState, PreparedTable, Recipes, ablate};
-pub use crate::traffic::{DriveOn, Measured, Measurement, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from};
+pub use crate::traffic::{
+    DriveOn, Measured, Measurement, ReplayDrivers, Simulation, measure, scene, simulate, simulate_from,
+};
 pub use crate::what_if::{
     Change, ChangeError, ChangeField, ChangeProblem, ChangedMoment, ExplainedForecast, Future, LeftOut, Moment,
     NamedChange, Names, SceneForecasts, ScenePredictor, UnknownVehicle, VehicleForecast,

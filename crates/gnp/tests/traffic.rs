@@ -72,7 +72,7 @@ fn tracks_of_any_rate_are_measured_along_their_road() {
     let measured = measure(&Measurement { tracks, ..of }, &Machine::default()).unwrap().remove(0);
     let summary = &measured.summary;
     assert_eq!((summary.recording.as_str(), summary.vehicles, summary.rate_hz.round()), ("arc", 3, 7.));
-    assert!((summary.vehicle_km / summary.vehicle_h / 3.6 - 20.).abs() < 0.05, "{}", measured.text);
+    assert!((summary.vehicle_km / summary.vehicle_h / 3.6 - 20.).abs() < 0.5, "{}", measured.text);
 }
 
 #[test]

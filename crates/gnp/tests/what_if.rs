@@ -186,10 +186,7 @@ fn what_is_predicted_is_what_is_explained() {
         recording: Some(scene.recording.meta().name.clone()),
         vehicle: Some(follower.to_string()),
         at_s: Some(scene.recording.meta().time_s(scene.frame)),
-        what_if: WhatIf {
-            changes: vec![NamedChange::Remove { vehicle: leader.to_string() }],
-            ..WhatIf::default()
-        },
+        what_if: WhatIf { changes: vec![NamedChange::Remove { vehicle: leader.to_string() }], ..WhatIf::default() },
         ..TracksQuestion::default()
     };
     let asked = gnp::explain_tracks(&question, &Machine::default()).unwrap();

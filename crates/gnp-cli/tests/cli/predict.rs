@@ -95,7 +95,8 @@ fn plain_tracks_of_ten_rows_are_predicted_and_explained() {
         let shorter = value["change"]["path"].as_array().unwrap().last().unwrap()[0].as_f64().unwrap();
         assert_eq!(shorter > 0., change[0] == "--without", "{words}: {shorter}");
     }
-    run(&[&arguments[..], &["--without", "trucks"]].concat()).badly(&["no vehicle trucks", "truck (most like it, of 2)"]);
+    run(&[&arguments[..], &["--without", "trucks"]].concat())
+        .badly(&["no vehicle trucks", "truck (most like it, of 2)"]);
     // The number that a name has inside is none.
     run(&[&arguments[..], &["--without", "2"]].concat()).badly(&["no vehicle 2", "there are ego, truck"]);
     run(&[&arguments[..], &["--without-term", "magic"]].concat()).badly(&["magic", "neighbours"]);

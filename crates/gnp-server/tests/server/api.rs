@@ -166,11 +166,16 @@ fn a_vehicle_that_is_added_is_explained_as_it_is_then() {
     assert_eq!((answer["vehicle_name"].as_str(), answer["segment"].as_u64()), (Some("new 1"), Some(0)));
     let account = &answer["changed"];
     let sentence = account["sentence"].as_str().unwrap();
-    assert!(sentence.contains("vehicle new 1 gets ") && sentence.ends_with("is added: there is no forecast from before."), "{sentence}");
+    assert!(
+        sentence.contains("vehicle new 1 gets ") && sentence.ends_with("is added: there is no forecast from before."),
+        "{sentence}"
+    );
     let leader = account["parts"].as_array().unwrap().iter().find(|part| part["kind"] == "leader").unwrap();
     assert_eq!((&leader["id"], &leader["place"]), (&json!("542"), &json!(1)));
     let forecasts = changed(changes);
-    for (said, is) in numbers(account["modes"][0]["path"].as_array().unwrap().last().unwrap()).iter().zip(end(&forecasts, "new 1")) {
+    for (said, is) in
+        numbers(account["modes"][0]["path"].as_array().unwrap().last().unwrap()).iter().zip(end(&forecasts, "new 1"))
+    {
         assert!((said - is).abs() < 0.011, "{said} {is}");
     }
     for axis in 0..2 {

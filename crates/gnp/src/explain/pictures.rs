@@ -72,7 +72,7 @@ fn marks(before: &Observation<'_>, after: &Observation<'_>, changed: &ChangedMom
     let spoken_of: BTreeSet<u32> = edits.chain(leader).collect();
     let mark = |number: u32| {
         let (before, after) = (at(&was, number), at(&is, number));
-        (before.is_some() || after.is_some()).then(|| Mark { label: changed.now().name(number), before, after })
+        (before.is_some() || after.is_some()).then(|| Mark { label: changed.name(number), before, after })
     };
     spoken_of.into_iter().filter_map(mark).collect()
 }

@@ -116,7 +116,8 @@ fn recording(question: &TracksQuestion, input: &Input, machine: &Machine) -> Res
     match found {
         Some(found) => Ok(found),
         None => {
-            let who = question.vehicle.as_deref().map_or_else(String::new, |name| format!(" with a vehicle {}", cut(name)));
+            let who =
+                question.vehicle.as_deref().map_or_else(String::new, |name| format!(" with a vehicle {}", cut(name)));
             let what = question
                 .recording
                 .as_deref()

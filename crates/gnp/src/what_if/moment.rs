@@ -107,7 +107,8 @@ impl Moment {
     /// For the first one that cannot be made. Terms of the force are not looked at: that does
     /// [`ScenePredictor`](super::ScenePredictor), who has a model.
     pub fn changed(&self, changes: &[Change]) -> Result<ChangedMoment, ChangeError> {
-        let mut changed = ChangedMoment { now: self.clone(), goals: BTreeMap::new(), without_terms: Vec::new() };
+        let (before, now) = (self.clone(), self.clone());
+        let mut changed = ChangedMoment { before, now, goals: BTreeMap::new(), without_terms: Vec::new() };
         for (index, change) in changes.iter().enumerate() {
             changed.apply(index, change).map_err(|problem| {
                 let named = change.vehicle().map(|vehicle| (vehicle, self.called(change, vehicle)));
@@ -129,6 +130,7 @@ impl Moment {
 /// A [`Moment`] with changes.
 #[derive(Clone, Debug)]
 pub struct ChangedMoment {
+    before: Moment,
     now: Moment,
     /// By vehicle, forward and left of where it is, m.
     goals: BTreeMap<u32, [f32; 2]>,
@@ -172,6 +174,13 @@ impl ChangedMoment {
     #[must_use]
     pub fn now(&self) -> &Moment {
         &self.now
+    }
+
+    /// What a vehicle is called, also one that is removed.
+    #[must_use]
+    pub fn name(&self, vehicle: u32) -> String {
+        let was_there = self.before.snapshot().vehicle(vehicle).is_some();
+        if was_there { &self.before } else { &self.now }.name(vehicle)
     }
 
     /// Where a vehicle is drawn to, forward and left of where it is, m, if that was changed.

@@ -127,8 +127,11 @@ fn alike<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let distance = |other: &str| strsim::levenshtein(&name, &other.to_lowercase());
     let length = name.chars().count();
     let most = (length / 3).min(1 + length / 5);
-    let mut near: Vec<(usize, &str)> =
-        names.filter(|other| short(other)).map(|other| (distance(other), other)).filter(|(far, _)| *far <= most).collect();
+    let mut near: Vec<(usize, &str)> = names
+        .filter(|other| short(other))
+        .map(|other| (distance(other), other))
+        .filter(|(far, _)| *far <= most)
+        .collect();
     near.sort_unstable();
     near.dedup();
     near.into_iter().take(ALIKE).map(|(_, other)| other).collect()
@@ -145,7 +148,7 @@ mod tests {
     #[test]
     fn who_is_called_nearly_so_is_named_first() {
         let names = ["flow.12", "flow.13", "bus", "Flow.7", "truck_1"];
-        assert_eq!(told("flow.1", &names), "flow.12, flow.13, Flow.7 (most like it, of 5)");
+        assert_eq!(told("flow.1", &names), "Flow.7, flow.12, flow.13 (most like it, of 5)");
         assert_eq!(told("FLOW.7", &names), "Flow.7, flow.12, flow.13 (most like it, of 5)");
         assert_eq!(told("buss", &names), "bus (most like it, of 5)");
         assert_eq!(told("tram", &names), "flow.12, flow.13, bus, Flow.7, truck_1");

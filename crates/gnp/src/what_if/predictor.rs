@@ -178,12 +178,10 @@ impl ScenePredictor {
             let name = added.and_then(|new| new.name.clone()).unwrap_or_else(|| moment.name(vehicle));
             return Err(ChangeError { index, problem: ChangeProblem::Explained { name } }.into());
         }
-        let as_it_is =
-            if added.is_some() { None } else { Some(self.explained(&moment.changed(&[])?, vehicle, k)?) };
+        let as_it_is = if added.is_some() { None } else { Some(self.explained(&moment.changed(&[])?, vehicle, k)?) };
         let moment_now = moment.changed(changes)?;
         let changed = if changes.is_empty() { None } else { Some(self.explained(&moment_now, vehicle, k)?) };
-        let words: Vec<String> =
-            changes.iter().map(|change| change.words(|number| moment_now.now().name(number))).collect();
+        let words: Vec<String> = changes.iter().map(|change| change.words(|number| moment_now.name(number))).collect();
         let seen = if added.is_some() { moment_now.now() } else { moment }.scene().observation(vehicle)?;
         let explained = Explained {
             // A snapshot may count frames otherwise.
