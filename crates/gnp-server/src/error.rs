@@ -50,6 +50,9 @@ pub enum ServerError {
     /// The network, once it runs.
     #[error("the server cannot go on")]
     Io(#[from] io::Error),
+    /// An answer that has no JSON form.
+    #[error("an answer has no JSON form")]
+    Answer(#[source] serde_json::Error),
     /// A model whose card cannot be said.
     #[error("the model's card has no JSON form; export the model again")]
     Card(#[from] serde_json::Error),

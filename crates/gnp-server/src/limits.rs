@@ -98,7 +98,11 @@ fn is_json(headers: &HeaderMap) -> bool {
     json && parts.all(|part| part.is_empty() || part.replace('"', "").eq_ignore_ascii_case("charset=utf-8"))
 }
 
-fn parse<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
+/// What JSON says.
+///
+/// # Errors
+/// A problem for no JSON, or not what is asked for, with the field.
+pub(crate) fn parse<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
     let mut json = serde_json::Deserializer::from_slice(body);
     let parsed = serde_path_to_error::deserialize(&mut json);
     let ended = json.end();
@@ -117,7 +121,7 @@ fn parse<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
 }
 
 fn not_asked_for(error: serde_path_to_error::Error<serde_json::Error>) -> Problem {
-    // Where the value as a whole is wrong the path is a dot.
-    let field = Some(error.path().to_string()).filter(|path| path != ".").unwrap_or_else(|| "body".to_owned());
+    // Where the value as a whole is wrong the path is a dot; a field may have an empty name.
+    let field = Some(error.path().to_string()).filter(|path| path != "." && !path.is_empty()).unwrap_or_else(|| "body".to_owned());
     Problem::at(ProblemKind::InvalidRequest, field, error.into_inner().to_string())
 }

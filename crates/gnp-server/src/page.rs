@@ -26,7 +26,8 @@ const CSS: &str = "text/css; charset=utf-8";
 const JS: &str = "text/javascript; charset=utf-8";
 
 const INDEX: &str = include_str!("../page/index.html");
-const OPENAPI: &str = include_str!("../openapi.json");
+/// The description of the API, `openapi.json`.
+pub const OPENAPI: &str = include_str!("../openapi.json");
 
 /// `GET /`
 pub(crate) fn index() -> Response {

@@ -7,6 +7,9 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
+/// Longest field and detail of a problem, characters: what they repeat of a request may be as long as its body.
+const LONGEST: [usize; 2] = [200, 1000];
+
 /// What kind of problem it is: the name in `urn:gnp:problem:NAME`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -146,7 +149,7 @@ struct FieldError {
 
 /// Its form in an answer.
 #[derive(Serialize)]
-struct Details<'a> {
+pub(crate) struct Details<'a> {
     r#type: String,
     title: &'static str,
     status: u16,
@@ -167,7 +170,7 @@ impl Problem {
 
     /// The same with what is wrong with a field, and with a row of a track in it.
     pub(crate) fn and(mut self, field: impl Into<String>, row: Option<usize>, detail: impl Into<String>) -> Self {
-        let (field, detail) = (field.into(), detail.into());
+        let (field, detail) = (cut(field.into(), LONGEST[0]), cut(detail.into(), LONGEST[1]));
         if self.detail.is_empty() {
             self.detail = detail.clone().into();
         }
@@ -175,13 +178,32 @@ impl Problem {
         self
     }
 
-    #[cfg(test)]
     pub(crate) fn kind(&self) -> ProblemKind {
         self.kind
     }
 
+    /// Its body.
+    pub(crate) fn details(&self) -> Details<'_> {
+        let (name, status, title) = self.kind.words();
+        Details {
+            r#type: format!("urn:gnp:problem:{name}"),
+            title,
+            status: status.as_u16(),
+            detail: &self.detail,
+            errors: &self.errors,
+        }
+    }
+
     pub(crate) fn retry_after(self, seconds: u64) -> Self {
         Self { retry_after_s: Some(seconds), ..self }
+    }
+}
+
+/// The beginning of a text that is longer than `most` characters.
+fn cut(text: String, most: usize) -> String {
+    match text.char_indices().nth(most) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text,
     }
 }
 
@@ -191,15 +213,8 @@ pub(crate) struct Refused(pub(crate) ProblemKind);
 
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
-        let (name, status, title) = self.kind.words();
-        let details = Details {
-            r#type: format!("urn:gnp:problem:{name}"),
-            title,
-            status: status.as_u16(),
-            detail: &self.detail,
-            errors: &self.errors,
-        };
-        let mut response = (status, Json(details)).into_response();
+        let (_, status, _) = self.kind.words();
+        let mut response = (status, Json(self.details())).into_response();
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         if let Some(seconds) = self.retry_after_s {

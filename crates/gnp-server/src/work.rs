@@ -52,14 +52,20 @@ impl Turns {
         let turn = self.turn().await?;
         let turns = Arc::clone(self);
         let done = tokio::task::spawn_blocking(move || {
-            let mut workspace = turns.workspace();
-            let done = work(&mut workspace);
-            // Not reached by work that panics, whose memory is not to be trusted.
-            turns.workspaces.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+            let done = turns.here(work);
             drop(turn);
             done
         });
         done.await.map_err(|_| Problem::new(ProblemKind::Internal, "the work on this request failed"))?
+    }
+
+    /// Does `work` on the caller's thread, whosever turn it is.
+    pub(crate) fn here<T>(&self, work: impl FnOnce(&mut Workspace) -> T) -> T {
+        let mut workspace = self.workspace();
+        let done = work(&mut workspace);
+        // Not reached by work that panics, whose memory is not to be trusted.
+        self.workspaces.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+        done
     }
 
     async fn turn(&self) -> Result<OwnedSemaphorePermit, Problem> {

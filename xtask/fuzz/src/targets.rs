@@ -8,6 +8,7 @@ mod live;
 mod ngsim;
 mod predictions;
 mod recording;
+mod request;
 mod road;
 mod scene;
 mod split;
@@ -27,6 +28,7 @@ pub const TARGETS: &[Target] = &[
     ngsim::TARGET,
     predictions::TARGET,
     recording::TARGET,
+    request::TARGET,
     road::TARGET,
     scene::TARGET,
     split::TARGET,
@@ -73,6 +75,7 @@ mod tests {
     }
 
     replays!(
-        checkpoint configuration fcd highd live ngsim predictions recording road scene split stream table_text tracks
+        checkpoint configuration fcd highd live ngsim predictions recording request road scene split stream table_text
+        tracks
     );
 }

@@ -50,6 +50,7 @@ fn a_request_that_cannot_be_answered_says_which_field_is_wrong() {
         (json!([{"recording": RECORDING, "time_s": 5}]), 422, "invalid-request", "body"),
         (json!({"scene": [RECORDING, 0, 5, null, null, null]}), 422, "invalid-request", "scene"),
         (with(json!({"colour": 1})), 422, "invalid-request", "colour"),
+        (with(json!({"": 1})), 422, "invalid-request", "body"),
         (with(json!({"changes": [{"kind": 1, "vehicle": "518"}]})), 422, "invalid-request", "changes[0].kind"),
         (changed(json!({"kind": "move", "vehicle": "533", "by": [1, 2, 3]})), 422, "invalid-request", "changes[1].by"),
         (
