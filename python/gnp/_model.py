@@ -149,13 +149,20 @@ class Model:
         return f"gnp.Model {self.card['name']}: {self.card['title']}"
 
 
-def load(path: str | os.PathLike[str] | None = None) -> Model:
+def load(
+    path: str | os.PathLike[str] | None = None, *, precision: Literal["f32", "bf16"] | None = None
+) -> Model:
     """Loads a model: a model folder, a run folder, or the one that comes with the package.
 
+    Args:
+        path: where it is; None is the one that comes with the package.
+        precision: what its networks multiply in: "f32", or "bf16", which takes a processor with AVX512-BF16 and rounds what is
+            multiplied to 8 bits; None is f32 but for a run that says otherwise.
+
     Raises:
-        gnp.ModelError: when there is none, or a file of it differs from what was written.
+        gnp.ModelError: when there is none, a file of it differs from what was written, or the processor does not multiply bf16.
     """
-    return Model(_gnp.Model(path))
+    return Model(_gnp.Model(path, precision))
 
 
 def points(road: Iterable[Sequence[float]] | None) -> list[list[float]] | None:

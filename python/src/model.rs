@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use gnp::{At, Machine, Model};
+use gnp::{At, Machine, Model, Precision, PrecisionError};
 use gnp_model::Gnp;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -19,11 +19,23 @@ pub(crate) struct PyModel(Model);
 
 #[pymethods]
 impl PyModel {
-    /// The model in a folder, or the one that comes with the package.
+    /// The model in a folder, or the one that comes with the package, in its own precision or another.
     #[new]
-    #[pyo3(signature = (path = None))]
-    fn new(py: Python<'_>, path: Option<PathBuf>) -> PyResult<Self> {
-        let model = py.detach(|| Model::open(path.as_deref(), &Machine::default()));
+    #[pyo3(signature = (path = None, precision = None))]
+    fn new(py: Python<'_>, path: Option<PathBuf>, precision: Option<&str>) -> PyResult<Self> {
+        let precision: Option<Precision> = match precision {
+            Some(name) => Some(name.parse().map_err(|error: PrecisionError| {
+                PyValueError::new_err(format!("precision is {name:?}, but {error}"))
+            })?),
+            None => None,
+        };
+        let model = py.detach(|| {
+            let model = Model::open(path.as_deref(), &Machine::default())?;
+            match precision {
+                Some(precision) => model.with_precision(precision),
+                None => Ok(model),
+            }
+        });
         model.map(Self).map_err(|error| Failure::from(error).raised(py))
     }
 

@@ -31,6 +31,19 @@ def test_what_is_no_model_is_said(tmp_path):
     assert issubclass(gnp.ModelError, gnp.GnpError) and issubclass(gnp.TracksError, gnp.GnpError)
 
 
+def test_a_model_in_bf16_is_near_or_refused(tracks, model):
+    with pytest.raises(ValueError, match="f16"):
+        gnp.load(precision="f16")
+    wanted = model.predict(tracks, out="polars")
+    assert gnp.load(precision="f32").predict(tracks, out="polars").equals(wanted)
+    try:
+        found = gnp.load(precision="bf16").predict(tracks, out="polars")
+    except gnp.ModelError as error:
+        assert "AVX512-BF16" in str(error)
+        return
+    assert found.shape == wanted.shape and not found.equals(wanted)
+
+
 def test_an_explanation_adds_up_to_the_prediction(tracks, model):
     told = model.explain(pl.DataFrame(tracks), 7)
     assert told.vehicle == "7" and told.time_s == 104.0 and told.past == "full"

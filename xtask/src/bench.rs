@@ -54,7 +54,11 @@ pub(crate) fn run(args: &BenchArgs, terminal: &Terminal) -> Result<()> {
     if args.check {
         return check(if args.quick { Profile::Quick } else { Profile::Full }, terminal);
     }
-    if args.frame { frame::run(threads, terminal) } else { speed::run(&speed::Plan::new(threads, args), terminal) }
+    if args.frame {
+        frame::run(threads, args.precision, terminal)
+    } else {
+        speed::run(&speed::Plan::new(threads, args), terminal)
+    }
 }
 
 /// Starts this program anew with the number of threads in its environment, and what else the commands of `gnp` run with.

@@ -106,6 +106,9 @@ pub enum ModelError {
         /// Place of the window in the batch, from 0.
         window: usize,
     },
+    /// The processor does not multiply in the precision asked for.
+    #[error(transparent)]
+    Precision(#[from] gnp_nn::PrecisionError),
     /// From the recordings and windows.
     #[error(transparent)]
     Data(#[from] gnp_data::DataError),

@@ -424,7 +424,7 @@ impl Gnp {
 /// that nobody asks for, which for a roll-out would take gigabytes. A weight that the file does not
 /// have is an error, and so is one of another shape.
 fn constants(checkpoint: &Checkpoint, device: &Device) -> VarBuilder<'static> {
-    let tensors = checkpoint.tensors.iter().map(|(name, tensor)| (name.clone(), tensor.clone()));
+    let tensors = checkpoint.tensors.iter().map(|(name, tensor)| (name.clone(), tensor.detach()));
     VarBuilder::from_tensors(tensors.collect(), DType::F32, device)
 }
 

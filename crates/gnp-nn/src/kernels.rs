@@ -11,6 +11,7 @@
 mod activation;
 mod aligned;
 mod attention;
+mod bf16;
 mod lanes;
 mod lstm;
 mod matmul;
@@ -21,6 +22,7 @@ mod values;
 pub use activation::{exp, sigmoid, tanh};
 pub use aligned::{Aligned, LINE, Pool, padded};
 pub use attention::Attention;
+pub use bf16::multiplies_bf16;
 pub use lanes::lanes;
 pub use lstm::{lstm, lstm_adjoint};
 pub use matmul::{Panels, Rows, RowsMut, Start, matmul, matmul_transposed, product};

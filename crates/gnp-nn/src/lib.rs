@@ -22,6 +22,7 @@ pub mod kernels;
 mod launch;
 mod layers;
 mod lstm;
+mod precision;
 #[cfg(feature = "cuda")]
 mod replay;
 mod weights;
@@ -31,6 +32,7 @@ pub use crate::dropout::{Dropout, DropoutMask};
 pub use crate::launch::{DeviceThread, LaunchCache};
 pub use crate::layers::{LayerNorm, Linear, Mlp, layer_norm, linear};
 pub use crate::lstm::{Lstm, LstmState};
+pub use crate::precision::{Precision, PrecisionError};
 #[cfg(feature = "cuda")]
 pub use crate::replay::Replay;
 pub use crate::weights::Weights;

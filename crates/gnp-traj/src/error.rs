@@ -40,6 +40,9 @@ pub enum TrajError {
         /// What is wrong and what to do.
         problem: String,
     },
+    /// The processor does not multiply in the precision asked for.
+    #[error(transparent)]
+    Precision(#[from] gnp_nn::PrecisionError),
     /// candle refused an operation.
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),

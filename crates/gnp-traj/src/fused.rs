@@ -31,6 +31,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use candle_core::{CpuStorage, CustomOp3, DType, Device, Layout as Strides, Result, Shape, Tensor};
 use gnp_force::TermDescriptor;
+use gnp_nn::Precision;
 use gnp_nn::kernels::Pool;
 use rayon::prelude::*;
 
@@ -58,16 +59,29 @@ pub(crate) struct Fused {
     pool: Arc<Pool>,
     tape_values: usize,
     packed: Option<Arc<Net<Packed>>>,
+    /// Of the packed weights.
+    precision: Precision,
 }
 
 impl Fused {
     pub(crate) fn new(cfg: &TrajConfig) -> Self {
-        Self { layout: Arc::new(Layout::new(cfg)), pool: Arc::default(), tape_values: TAPE_VALUES, packed: None }
+        Self {
+            layout: Arc::new(Layout::new(cfg)),
+            pool: Arc::default(),
+            tape_values: TAPE_VALUES,
+            packed: None,
+            precision: Precision::F32,
+        }
     }
 
     /// The same for a network whose `weights` (in the order of [`Fused::names`]) never change.
-    pub(crate) fn frozen(&self, weights: &[Tensor]) -> Result<Self> {
-        Ok(Self { packed: Some(Arc::new(self.pack(weights)?)), ..self.clone() })
+    pub(crate) fn frozen(&self, weights: &[Tensor], precision: Precision) -> Result<Self> {
+        Ok(Self { packed: Some(Arc::new(self.pack(weights, precision)?)), precision, ..self.clone() })
+    }
+
+    /// What the packed weights are multiplied in.
+    pub(crate) fn precision(&self) -> Precision {
+        self.precision
     }
 
     /// The packed weights of a frozen network.
@@ -81,10 +95,10 @@ impl Fused {
     }
 
     /// Packs `weights` for roll-outs without a gradient.
-    fn pack(&self, weights: &[Tensor]) -> Result<Net<Packed>> {
+    fn pack(&self, weights: &[Tensor], precision: Precision) -> Result<Net<Packed>> {
         let flat = weights.iter().map(Tensor::flatten_all).collect::<Result<Vec<_>>>()?;
         let flat = Tensor::cat(&flat, 0)?.to_vec1::<f32>()?;
-        Ok(self.layout.packed(&flat, false))
+        Ok(self.layout.packed(&flat, false, precision))
     }
 
     /// All chunks without a gradient.
@@ -150,7 +164,7 @@ impl Fused {
         let batch = Batch::new(network, batch, sizes, phase)?;
         let net = match &self.packed {
             Some(net) => Arc::clone(net),
-            None => Arc::new(self.pack(weights)?),
+            None => Arc::new(self.pack(weights, Precision::F32)?),
         };
         explained(self.roll_out(&batch, &net, Detail::Parameters), &batch)
     }
@@ -244,7 +258,7 @@ impl CustomOp3 for Operation {
     ) -> Result<(CpuStorage, Shape)> {
         let Some((start, end)) = strides.contiguous_offsets() else { candle_core::bail!("flat weights are strided") };
         let flat = &storage.as_slice::<f32>()?[start..end];
-        let net = Arc::new(self.fused.layout.packed(flat, self.keep));
+        let net = Arc::new(self.fused.layout.packed(flat, self.keep, Precision::F32));
         let chunks = self.batch.chunks(self.threads, self.keep);
         let room = self.fused.tape_values / self.batch.tape_values_a_window(&net).max(1);
         let done: Vec<(Vec<f32>, Option<Tape>)> = chunks

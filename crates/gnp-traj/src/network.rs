@@ -5,7 +5,7 @@ use std::sync::Arc;
 use candle_core::{Module, Tensor};
 use candle_nn::{Init, VarBuilder, ops::sigmoid};
 use gnp_force::{Arity, ForceTerm, TermDescriptor};
-use gnp_nn::{Linear, Lstm, LstmState, Mlp, linear};
+use gnp_nn::{Linear, Lstm, LstmState, Mlp, Precision, linear};
 
 use crate::fused::{Fused, RollOutWorkspace, RolledOut};
 #[cfg(feature = "cuda")]
@@ -241,9 +241,30 @@ impl SocialForce {
     /// # Errors
     /// Candle's.
     pub fn frozen(&self) -> Result<Self, TrajError> {
+        self.frozen_in(Precision::F32)
+    }
+
+    /// [`SocialForce::frozen`] with the products of the networks in another precision. In bf16 roll-outs are fused ones without a
+    /// gradient, and the results differ from those in f32 by rounding to 8 bits.
+    ///
+    /// # Errors
+    /// [`TrajError::Precision`] where the processor does not multiply in it; [`TrajError::Batch`] for bf16 on another
+    /// device than a CPU; candle's.
+    pub fn frozen_in(&self, precision: Precision) -> Result<Self, TrajError> {
+        precision.check()?;
         let network = self.with_weights(|weight| weight.detach().copy())?;
         let on_cpu = network.weights.iter().all(|weight| weight.device().is_cpu());
-        Ok(if on_cpu { Self { fused: network.fused.frozen(&network.weights)?, ..network } } else { network })
+        match precision {
+            _ if on_cpu => Ok(Self { fused: network.fused.frozen(&network.weights, precision)?, ..network }),
+            Precision::Bf16 => Err(in_bf16("is on a GPU; products in bf16 are made on CPUs")),
+            Precision::F32 => Ok(network),
+        }
+    }
+
+    /// What its networks multiply in.
+    #[must_use]
+    pub fn precision(&self) -> Precision {
+        self.fused.precision()
     }
 
     /// The same networks on weights that ask for no gradient.
@@ -294,6 +315,14 @@ impl SocialForce {
 
     fn check(&self, engine: Engine, batch: &RollOutBatch, phase: Phase) -> Result<Sizes, TrajError> {
         let sizes = batch.check(&self.cfg, &self.terms, phase)?;
+        if self.precision() == Precision::Bf16 {
+            if engine == Engine::Graph {
+                return Err(in_bf16("is in bf16, and only the graph can roll this out, which is f32: take f32"));
+            }
+            if batch.goals.track_op() || batch.observed.track_op() {
+                return Err(in_bf16("is in bf16, which passes no gradient: take f32"));
+            }
+        }
         match self.unfusible(batch, phase) {
             Some((name, problem)) if engine == Engine::Fused => {
                 Err(TrajError::Batch { name, problem: problem.to_owned() })
@@ -301,6 +330,11 @@ impl SocialForce {
             _ => Ok(sizes),
         }
     }
+}
+
+/// What a network in bf16 cannot do.
+fn in_bf16(problem: &str) -> TrajError {
+    TrajError::Batch { name: "network", problem: problem.to_owned() }
 }
 
 /// `largest * sigmoid(head(inputs))`, one strength a row: `inputs` `[rows, slots, 2 * latent]` gives

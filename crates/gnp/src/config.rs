@@ -12,7 +12,7 @@ use gnp_data::{Dataset, SplitConfig, WindowConfig};
 use gnp_eval::EvalConfig;
 use gnp_file::excerpt;
 use gnp_goal::GoalConfig;
-use gnp_model::{FeatureConfig, NeighbourInput, ReferencePath, Representation, Selection, Trust};
+use gnp_model::{FeatureConfig, NeighbourInput, Precision, ReferencePath, Representation, Selection, Trust};
 use gnp_modes::ModeParams;
 use gnp_train::{GoalTraining, PathTraining, TrainConfig};
 use gnp_traj::TrajConfig;
@@ -130,6 +130,9 @@ pub struct PredictConfig {
     pub selection: Selection,
     /// How much of what the network expects on average beyond the reference path is believed.
     pub trust: Trust,
+    /// What the networks multiply in. Not written where it is f32, so that a run is what it was before there was a choice.
+    #[serde(default, skip_serializing_if = "Precision::is_f32")]
+    pub precision: Precision,
     /// Futures a window in `predictions.parquet`; one that a protocol of `[evaluate]` asks for.
     pub k: usize,
 }
@@ -383,6 +386,7 @@ mod tests {
             ("split.train=0.9", "train"),
             ("predict.k=3", "predict.k"),
             ("predict.trust=1.5", "predict.trust"),
+            ("predict.precision=f16", "expected `f32` or `bf16`"),
             ("traj.terms=[{ name = \"free_road\", parameters = {} }]", "acts along the platoon's path already"),
             ("windows.rate_hz=3.0", "rate"),
             ("goal.schedule={kind=\"linear\"}", "goal.schedule"),
@@ -390,6 +394,19 @@ mod tests {
             let message = parse(text).unwrap_err().chain();
             assert!(message.contains(part), "{text}: {message}");
         }
+    }
+
+    /// A run that was made before there was a choice is one in f32.
+    #[test]
+    fn a_precision_need_not_be_said() {
+        let config = |set: &[Setting]| RunConfig::parse(REFERENCE, set).unwrap();
+        let written = config(&[]).to_toml().unwrap();
+        assert!(!written.contains("precision"));
+        assert_eq!(RunConfig::parse(&written, &[]).unwrap(), config(&[]));
+        let set = ["predict.precision=bf16".parse().unwrap()];
+        let rounded = RunConfig::parse(&written, &set).unwrap();
+        assert_eq!((&rounded, rounded.predict.precision), (&config(&set), Precision::Bf16));
+        assert!(rounded.to_toml().unwrap().contains("precision = \"bf16\""));
     }
 
     #[test]

@@ -85,7 +85,7 @@ pub use crate::what_if::{
     Change, ChangeError, ChangeField, ChangeProblem, ChangedMoment, ExplainedForecast, Future, LeftOut, Moment,
     NamedChange, Names, SceneForecasts, ScenePredictor, UnknownVehicle, VehicleForecast,
 };
-pub use gnp_model::{ModelCard, Workspace};
+pub use gnp_model::{ModelCard, Precision, PrecisionError, Workspace};
 pub use gnp_online as online;
 pub use gnp_simulation::Scene;
 

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use gnp_eval::{Protocol, load_scores};
 use gnp_model::{
-    CardScore, CardScores, CardWindows, Gnp, ModelCard, ModelError, ModelFolder, NeighbourInput, PredictSettings,
-    TrainingData, TrainingRecord,
+    CardScore, CardScores, CardWindows, Gnp, ModelCard, ModelError, ModelFolder, NeighbourInput, Precision,
+    PredictSettings, TrainingData, TrainingRecord,
 };
 
 pub use self::export::{ExportRequest, export};
@@ -42,6 +42,14 @@ impl Model {
                 Ok(Self { gnp: run.model()?, card: run.card(None)? })
             }
         }
+    }
+
+    /// The same model with the products of its networks in another precision: [`Gnp::with_precision`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_precision(self, precision: Precision) -> Result<Self> {
+        Ok(Self { gnp: self.gnp.with_precision(precision)?, ..self })
     }
 
     /// The predictor.

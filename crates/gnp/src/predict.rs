@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use gnp_data::{Dataset, TrackOptions};
 use gnp_eval::Provenance;
-use gnp_model::Gnp;
+use gnp_model::{Gnp, Precision};
 
 pub(crate) use self::input::Input;
 use self::job::Job;
@@ -43,6 +43,8 @@ pub struct PredictRequest {
     /// Pieces that are worked on at once, each on a thread of its own; as many as there are threads where it is not given.
     /// The output does not depend on it.
     pub jobs: Option<usize>,
+    /// What the model's networks multiply in; as the model is set where it is not given, which is f32 but for a run in bf16.
+    pub precision: Option<Precision>,
 }
 
 impl PredictRequest {
@@ -51,7 +53,7 @@ impl PredictRequest {
     pub fn new(input: impl Into<PathBuf>, output: impl Into<PathBuf>) -> Self {
         let (input, output) = (input.into(), output.into());
         let tracks = TrackOptions::default();
-        Self { input, output, model: None, format: None, tracks, at: At::Last, k: None, jobs: None }
+        Self { input, output, model: None, format: None, tracks, at: At::Last, k: None, jobs: None, precision: None }
     }
 }
 
@@ -113,9 +115,13 @@ impl Counts {
 ///
 /// # Errors
 /// When there are no tracks, or they cannot be read; when a recording does not have the model's rate or a whole multiple of
-/// it; when the model cannot be opened, or the output not be written; [`Error::Stopped`](crate::Error).
+/// it; when the model cannot be opened, or multiply in the precision asked for, or the output not be written; [`Error::Stopped`](crate::Error).
 pub fn predict(request: &PredictRequest, machine: &Machine) -> Result<Predicted> {
     let model = Model::open(request.model.as_deref(), machine)?;
+    let model = match request.precision {
+        Some(precision) => model.with_precision(precision)?,
+        None => model,
+    };
     let card = model.card();
     if request.model.is_none() {
         let title = &card.title;
@@ -136,7 +142,7 @@ pub fn predict(request: &PredictRequest, machine: &Machine) -> Result<Predicted>
         simulated: card.data.simulated || input.sources.iter().any(|source| source.simulated),
         uses_future: false,
     };
-    let job = Job::new(card, request, k, input.dataset)?;
+    let job = Job::new(&model, request, k, input.dataset)?;
     let output = Output::begin(&request.output, &job, &input, provenance, machine)?;
     let jobs = request.jobs.unwrap_or_else(rayon::current_num_threads).max(1);
     let queue = Queue { input: &input, output: &output, tracks: &request.tracks, at: &request.at, k, machine };

@@ -339,7 +339,7 @@ impl Run {
                 self.folder.path("goal.safetensors").display()
             );
         }
-        Ok(gnp.selecting(predict.selection).trusting(predict.trust)?)
+        Ok(gnp.selecting(predict.selection).trusting(predict.trust)?.with_precision(predict.precision)?)
     }
 }
 

@@ -7,11 +7,11 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use gnp_data::{Dataset, Recording};
-use gnp_model::{Component, ReferencePath};
+use gnp_model::{Component, Gnp, ReferencePath};
 
 pub(crate) use self::modes::kinds;
 pub(crate) use self::training::Watch;
-use crate::config::RunConfig;
+use crate::config::{PredictConfig, RunConfig};
 use crate::data::{ingest, source};
 use crate::error::{Context as _, Error, Result, bail};
 use crate::evaluation::{self, rules};
@@ -131,6 +131,8 @@ impl Plan {
 
 /// Ingests into a new run folder, which appears when everything is read.
 fn start(config: &RunConfig, plan: &Plan, machine: &Machine, split: bool) -> Result<Run> {
+    let PredictConfig { precision, neighbours, .. } = &config.predict;
+    Gnp::check_precision(*precision, neighbours.without_future(), &machine.device)?;
     needs::check_before(config, machine)?;
     let draft = Draft::start(&plan.out, "go on with it by --resume, or take another --out", machine)?;
     let from = plan.from.as_deref().map(Finished::open).transpose()?;

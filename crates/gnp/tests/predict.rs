@@ -7,7 +7,9 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use gnp::{Asked, At, Machine, PredictRequest, Predicted, Progress, Stop, TracksQuestion, Work, forecasts, predict};
+use gnp::{
+    Asked, At, Machine, Precision, PredictRequest, Predicted, Progress, Stop, TracksQuestion, Work, forecasts, predict,
+};
 use gnp_data::{
     Dataset, Expectation, Forecast, Predictor as _, Recording, Snapshot, TrackState, WindowKey, discover, read,
 };
@@ -227,11 +229,39 @@ fn an_interrupted_prediction_goes_on_and_another_one_starts_anew() {
     assert!(before == 0 && same, "{before} {same}");
     fs::remove_file(&out).unwrap();
 
-    // Another number of futures is another job.
-    interrupted(&PredictRequest { k: Some(3), ..request(&out) });
-    let (before, same, notes) = again(&request(&out));
-    assert!(before == 0 && same, "{before} {same}");
-    assert!(notes.contains("of another number of futures; starting anew"), "{notes}");
+    // Another number of futures is another job, and so is another precision.
+    let mut others = vec![(PredictRequest { k: Some(3), ..request(&out) }, "number of futures")];
+    if Precision::Bf16.check().is_ok() {
+        others.push((PredictRequest { precision: Some(Precision::Bf16), ..request(&out) }, "precision"));
+    }
+    for (other, what) in others {
+        interrupted(&other);
+        let (before, same, notes) = again(&request(&out));
+        assert!(before == 0 && same, "{before} {same}");
+        assert!(notes.contains(&format!("of another {what}; starting anew")), "{notes}");
+        fs::remove_file(&out).unwrap();
+    }
+}
+
+#[test]
+fn forecasts_in_bf16_are_others_or_refused_where_the_processor_does_not_multiply_it() {
+    let place = TempDir::new().unwrap();
+    let (input, out) = (scenes(place.path(), &SCENES[1..2]), place.path().join("forecasts.parquet"));
+    let mut request = PredictRequest::new(&input, &out);
+    let exact = predict(&request, &Machine::default()).unwrap();
+    let bytes = fs::read(&out).unwrap();
+    request.precision = Some(Precision::Bf16);
+    match (predict(&request, &Machine::default()), Precision::Bf16.check()) {
+        (Ok(done), Ok(())) => {
+            assert_eq!(done.counts, exact.counts);
+            assert_ne!(fs::read(&out).unwrap(), bytes);
+        }
+        (Err(error), Err(_)) => assert!(error.chain().contains("AVX512-BF16"), "{}", error.chain()),
+        (found, here) => panic!("{found:?}, {here:?}"),
+    }
+    request.precision = Some(Precision::F32);
+    predict(&request, &Machine::default()).unwrap();
+    assert_eq!(fs::read(&out).unwrap(), bytes);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use gnp_data::{Dataset, Expectation, Mode, Observation, Predictor as _, Recordin
 use gnp_goal::GoalNet;
 use gnp_model::{AugmentedView, Checkpoint, Component, Features, Gnp, GoalInputs, Header, NeighbourFuture};
 use gnp_modes::Modes;
-use gnp_nn::Weights;
+use gnp_nn::{Precision, Weights};
 use gnp_traj::{Phase, SocialForce};
 
 use super::clock::{self, Sample};
@@ -33,17 +33,17 @@ const LONGEST: Duration = Duration::from_secs(30);
 const STAGES: [&str; 7] = ["platoon", "inputs", "goal network", "goals", "scene", "roll-out", "paths"];
 
 /// Prints p50 and p99 on `threads` threads, and the time of each stage, with the sizes of `configs/highd.toml` and the
-/// published ones.
+/// published ones, in that precision.
 ///
 /// # Errors
 /// Those of reading, cutting and predicting.
-pub(super) fn run(threads: usize, terminal: &Terminal) -> Result<()> {
+pub(super) fn run(threads: usize, precision: Precision, terminal: &Terminal) -> Result<()> {
     let load = load();
     let (mut rows, mut stages) = (Vec::new(), Vec::new());
     for name in ["configs/highd.toml", "configs/paper/highd.toml"] {
         terminal.note(&format!("bench: frame, {name}"));
         let config = RunConfig::read(&project::root().join(name), &[])?;
-        let (sample, medians) = pool(threads)?.install(|| frames(&config))?;
+        let (sample, medians) = pool(threads)?.install(|| frames(&config, precision))?;
         let ms = |seconds: f64| format!("{:.2}", seconds * 1e3);
         let of = |share| ms(sample.quantile(share));
         rows.push(vec![name.to_owned(), of(0.5), of(0.99), of(1.), sample.len().to_string()]);
@@ -52,7 +52,7 @@ pub(super) fn run(threads: usize, terminal: &Terminal) -> Result<()> {
     let header = ["sizes of", "p50, ms", "p99, ms", "longest, ms", "frames"].map(str::to_owned).to_vec();
     let parts = [&["medians, ms"], &STAGES[..]].concat().into_iter().map(str::to_owned).collect();
     terminal.result(&format!(
-        "A frame of {VEHICLES} vehicles, {GOALS} goals each, {threads} thread(s), untrained weights; load average {load}
+        "A frame of {VEHICLES} vehicles, {GOALS} goals each, {threads} thread(s), {precision}, untrained weights; load average {load}
 {}.
 {}
 {}",
@@ -64,7 +64,7 @@ pub(super) fn run(threads: usize, terminal: &Terminal) -> Result<()> {
 }
 
 /// Seconds of each frame, and the median of each of the [`STAGES`].
-fn frames(config: &RunConfig) -> Result<(Sample, [f64; STAGES.len()])> {
+fn frames(config: &RunConfig, precision: Precision) -> Result<(Sample, [f64; STAGES.len()])> {
     let recordings = recordings(config)?;
     let (set, _) = WindowSet::cut(&recordings, &config.windows)?;
     // Vehicles that are there at about the same time, as those of a frame are.
@@ -73,7 +73,7 @@ fn frames(config: &RunConfig) -> Result<(Sample, [f64; STAGES.len()])> {
     if windows.len() < VEHICLES {
         bail!("the embedded recordings have {} windows, a frame needs {VEHICLES}", windows.len());
     }
-    let parts = Parts::new(config, &windows)?;
+    let parts = Parts::new(config, &windows, precision)?;
     let (started, mut seconds) = (Instant::now(), Vec::new());
     // The first frame does not count: it fills caches.
     parts.gnp.predict(&windows[..VEHICLES], GOALS)?;
@@ -145,7 +145,7 @@ fn recordings(config: &RunConfig) -> Result<Vec<Recording>> {
 
 impl Parts {
     /// A model of the configuration's sizes with random weights.
-    fn new(config: &RunConfig, windows: &[Observation<'_>]) -> Result<Self> {
+    fn new(config: &RunConfig, windows: &[Observation<'_>], precision: Precision) -> Result<Self> {
         let shape = config.windows.shape_for(config.data.rate_hz)?;
         let platoon = PlatoonRule::of_drivers(Drivers::TYPICAL)?;
         let features = Features::fit(&config.features, shape, Some(&platoon), windows.iter().copied())?;
@@ -180,15 +180,15 @@ impl Parts {
         };
         let traj = Some(config.traj.clone());
         let force = Header { part: Component::Repulsion, goal: None, traj, ..header.clone() };
-        let goal_net = GoalNet::new(&config.goal.net, features.goal_shape(), of_goal)?;
-        let social_force = SocialForce::new(&config.traj, of_force)?;
+        let goal_net = GoalNet::new(&config.goal.net, features.goal_shape(), of_goal)?.in_precision(precision)?;
+        let social_force = SocialForce::new(&config.traj, of_force)?.frozen_in(precision)?;
         let [goal, repulsion] = tensors;
         let goal = Checkpoint { header, tensors: goal };
         let force = Checkpoint { header: force, tensors: repulsion };
         let neighbours = config.predict.neighbours.without_future();
         let centres = features.centres(&modes, &Device::Cpu)?;
         let gnp = Gnp::new(modes, &goal, Some(&force), neighbours, &Device::Cpu)?;
-        let gnp = gnp.selecting(config.predict.selection).trusting(config.predict.trust)?;
+        let gnp = gnp.selecting(config.predict.selection).trusting(config.predict.trust)?.with_precision(precision)?;
         Ok(Self { gnp, features, centres, goal: goal_net, force: social_force, neighbours })
     }
 }

@@ -10,7 +10,7 @@ use gnp_data::SLOTS;
 use gnp_goal::{
     GoalConfig, GoalError, GoalNet, GoalShape, Labels, LossWeights, Pick, ProbabilityHead, Regression, goal_loss,
 };
-use gnp_nn::Weights;
+use gnp_nn::{Precision, Weights};
 use gnp_traj::{Engine, NeighbourStates, Neighbours, Phase, RollOutBatch, SocialForce, TrajConfig};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -37,7 +37,7 @@ pub(super) const NGSIM: Lengths = Lengths { name: "ngsim", observed: 30, predict
 pub(super) const HIGHD: Lengths = Lengths { name: "highd", observed: 75, predicted: 125, modes: 200, dt: 0.04 };
 
 /// A network that records its steps for gradients, and the same one with constant weights.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Twice<N> {
     learning: N,
     constant: N,
@@ -82,7 +82,7 @@ impl Draw {
 }
 
 /// The neural social force and a batch of windows.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Traj {
     network: Twice<SocialForce>,
     one: RollOutBatch,
@@ -113,6 +113,13 @@ impl Traj {
         let truth = draw.values(&[windows, 1, predicted, 2], 1.)?;
         let network = Twice::new(device, |vb| Ok(SocialForce::new(&TrajConfig::published(), vb)?))?;
         Ok(Self { network, one, many, truth })
+    }
+
+    /// The same with constant weights that are packed once, in that precision.
+    pub(super) fn frozen(&self, precision: Precision) -> Result<Self> {
+        let mut frozen = self.clone();
+        frozen.network.constant = self.network.constant.frozen_in(precision)?;
+        Ok(frozen)
     }
 
     pub(super) fn forward(&self, engine: Engine) -> Result<()> {
@@ -157,7 +164,7 @@ impl<N> Twice<N> {
 }
 
 /// The goal network and a batch of windows.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Goal {
     fused: Twice<GoalNet>,
     graph: Twice<GoalNet>,
@@ -208,6 +215,13 @@ impl Goal {
             many: Pick::Indices(draw.indices((windows, GOALS), modes)?),
             one: Pick::Indices(draw.indices((windows, 1), modes)?),
         })
+    }
+
+    /// The same with constant weights in that precision.
+    pub(super) fn frozen(&self, precision: Precision) -> Result<Self> {
+        let mut frozen = self.clone();
+        frozen.fused.constant = self.fused.constant.clone().in_precision(precision)?;
+        Ok(frozen)
     }
 
     fn network(&self, engine: Engine) -> &Twice<GoalNet> {

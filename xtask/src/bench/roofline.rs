@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use gnp::Progress as _;
 use gnp_cli::Terminal;
+use gnp_nn::Precision;
 use gnp_nn::kernels::{Panels, Rows, RowsMut, Start, product};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -25,24 +26,26 @@ const PRODUCTS: [(&str, usize, usize, usize); 4] =
 /// Each figure is the fastest of repeats for this long.
 const LONG: Duration = Duration::from_millis(60);
 
-/// Prints the roofline of the core this runs on.
+/// Prints the roofline of the core this runs on. A product in bf16 may have more than all of it: the share is of what f32 allows.
 pub(super) fn run(terminal: &Terminal) {
     let load = load();
     terminal.note("bench: arithmetic and caches of one core");
     let peak = peak();
     let sets: Vec<Vec<String>> = SETS.iter().map(|kib| vec![size(*kib), format!("{:.0}", read(*kib) / 1e9)]).collect();
     terminal.note("bench: products");
-    let products: Vec<Vec<String>> = ROWS
-        .iter()
-        .map(|rows| {
+    let products = |precision| -> Vec<Vec<String>> {
+        let row = |rows: &usize| {
             let share = |(_, inputs, outputs, count): (_, usize, usize, usize)| {
-                format!("{:.0} %", 100. * multiply([*rows, inputs, outputs], count) / peak)
+                format!("{:.0} %", 100. * multiply([*rows, inputs, outputs], count, precision) / peak)
             };
-            [vec![rows.to_string()], PRODUCTS.map(share).to_vec()].concat()
-        })
-        .collect();
+            [vec![format!("{rows}, {precision}")], PRODUCTS.map(share).to_vec()].concat()
+        };
+        ROWS.iter().map(row).collect()
+    };
+    let here = Precision::ALL.into_iter().filter(|precision| precision.check().is_ok());
+    let products: Vec<Vec<String>> = here.flat_map(products).collect();
     let name = |(name, inputs, outputs, count): (&str, usize, usize, usize)| {
-        format!("{name}, {}", size(inputs * outputs * count / 256))
+        format!("{name}, {} of f32", size(inputs * outputs * count / 256))
     };
     let header = ["rows".to_owned()].into_iter().chain(PRODUCTS.map(name)).collect();
     terminal.result(&format!(
@@ -139,10 +142,14 @@ fn read(kib: usize) -> f64 {
 }
 
 /// Operations a second of our product of `[rows, inputs, outputs]` by `count` weight matrices in turn.
-fn multiply([rows, inputs, outputs]: [usize; 3], count: usize) -> f64 {
+fn multiply([rows, inputs, outputs]: [usize; 3], count: usize, precision: Precision) -> f64 {
     let values = |len: usize| (0..len).map(|i| (i % 17) as f32 / 17. - 0.5).collect::<Vec<_>>();
     let (x, matrix) = (values(rows * inputs), values(inputs * outputs));
-    let weights: Vec<Panels> = (0..count).map(|_| Panels::pack(&matrix, inputs, outputs)).collect();
+    let pack = |_| {
+        let panels = Panels::pack(&matrix, inputs, outputs);
+        if precision == Precision::Bf16 { panels.into_bf16() } else { panels }
+    };
+    let weights: Vec<Panels> = (0..count).map(pack).collect();
     let mut y = vec![0.; rows * outputs];
     // Small products several times, so that a repeat is longer than the clock is fine.
     let turns = (20_000_000 / (rows * inputs * outputs * count)).max(1);
@@ -160,7 +167,7 @@ mod tests {
 
     #[test]
     fn our_product_does_not_beat_the_arithmetic() {
-        let share = multiply([8, 64, 64], 1) / peak();
+        let share = multiply([8, 64, 64], 1, Precision::F32) / peak();
         assert!(share > 0. && share < 1.5, "{share}");
         assert!(read(16) > 0.);
     }

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use anyhow::Result;
+use gnp_nn::Precision;
 use gnp_traj::Engine;
 use serde::Serialize;
 
@@ -28,12 +29,14 @@ pub(super) struct Plan {
     peers: bool,
     json: bool,
     python: Option<PathBuf>,
+    /// What predicting networks multiply in beside f32.
+    precision: Precision,
 }
 
 impl Plan {
     pub(super) fn new(threads: usize, args: &BenchArgs) -> Self {
-        let (windows, rounds, json, python) = (args.windows, args.rounds, args.json, args.python.clone());
-        Self { threads, windows, rounds, peers: args.against_torch, json, python }
+        let &BenchArgs { windows, rounds, json, precision, against_torch: peers, .. } = args;
+        Self { threads, windows, rounds, peers, json, python: args.python.clone(), precision }
     }
 }
 
@@ -74,7 +77,8 @@ impl Rounds {
 /// # Errors
 /// When a network fails or a reference program cannot be run.
 pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
-    let &Plan { threads, windows, rounds, peers, json, .. } = plan;
+    let &Plan { threads, windows, rounds, peers, json, precision, .. } = plan;
+    precision.check()?;
     let python = if peers { Some(Python::find(plan.python.as_deref(), terminal)?) } else { None };
     let load = load();
     let pool = pool(threads)?;
@@ -87,7 +91,7 @@ pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
         terminal.note(&format!("bench: round {round} of {rounds}"));
         rate = rate.max(pool.install(floor::rate)?);
         for lengths in [NGSIM, HIGHD] {
-            ours.add(pool.install(|| measure(lengths, windows))?);
+            ours.add(pool.install(|| measure(lengths, windows, precision))?);
         }
         if let Some(python) = &python {
             torch.add(python.measure("torch_gnp.py", &[&["bench".to_owned()], &options[..]].concat())?);
@@ -108,8 +112,8 @@ pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
     Ok(())
 }
 
-/// Ours, in ms per window.
-fn measure(lengths: Lengths, windows: usize) -> Result<Milliseconds> {
+/// Ours, in ms per window; where `precision` is not f32, also what predicts in both, on weights that are packed before.
+fn measure(lengths: Lengths, windows: usize, precision: Precision) -> Result<Milliseconds> {
     let (traj, goal) = (Traj::new(lengths, windows)?, Goal::new(lengths, windows)?);
     let cases: [(&str, usize, Run<'_>); 5] = [
         ("traj.forward", REPEATS, &|| traj.forward(Engine::Fused)),
@@ -122,7 +126,20 @@ fn measure(lengths: Lengths, windows: usize) -> Result<Milliseconds> {
         let seconds = clock::sample(repeats, run)?.median();
         Ok((format!("{}.{key}", lengths.name), seconds * 1e3 / windows as f64))
     };
-    cases.into_iter().map(median).collect()
+    let mut times = cases.into_iter().map(median).collect::<Result<Milliseconds>>()?;
+    for precision in Precision::ALL.into_iter().filter(|_| precision != Precision::F32) {
+        let (traj, goal) = (traj.frozen(precision)?, goal.frozen(precision)?);
+        let cases: [(&str, usize, Run<'_>); 3] = [
+            ("traj.forward", REPEATS, &|| traj.forward(Engine::Fused)),
+            ("traj.forward_k20", 1, &|| traj.forward_many()),
+            ("goal.forward", 5 * REPEATS, &|| goal.forward(Engine::Fused)),
+        ];
+        for case in cases {
+            let (key, ms) = median(case)?;
+            times.insert(format!("{key}.{precision}"), ms);
+        }
+    }
+    Ok(times)
 }
 
 /// The floor of everything that is measured, in ms per window, at `rate` operations a second.
@@ -158,7 +175,9 @@ impl Comparison {
         }
         let cell = |of: &Milliseconds, key: &str| of.get(key).map_or_else(String::new, |value| format!("{value:.2}"));
         let row = |(key, ours): (&String, &f64)| {
-            let floor = self.floor.get(key).copied().unwrap_or(f64::NAN);
+            // In another precision the operations are the same.
+            let case = Precision::ALL.iter().find_map(|precision| key.strip_suffix(&format!(".{precision}")));
+            let floor = self.floor.get(case.unwrap_or(key)).copied().unwrap_or(f64::NAN);
             let mut row =
                 vec![key.clone(), format!("{ours:.3}"), format!("{floor:.3}"), format!("{:.2}", ours / floor)];
             if peers {

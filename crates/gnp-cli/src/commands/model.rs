@@ -13,11 +13,12 @@ use crate::program::Program;
 
 pub(super) fn predict(args: &PredictArgs, program: &Program) -> Result<()> {
     let machine = crate::machine(&args.machine, program)?;
-    let PredictArgs { input, output, model, format, k, .. } = args.clone();
+    let PredictArgs { input, output, model, format, k, precision, .. } = args.clone();
     let at = args.every.map_or_else(|| args.at.clone(), At::Every);
     let (k, jobs) = (k.map(usize::from), args.jobs.map(usize::from));
     let tracks = tracks(&args.road)?;
-    let done = gnp::predict(&PredictRequest { input, output, model, format, tracks, at, k, jobs }, &machine)?;
+    let request = PredictRequest { input, output, model, format, tracks, at, k, jobs, precision };
+    let done = gnp::predict(&request, &machine)?;
     if done.finished_before > 0 {
         machine.progress.note(&format!("{} files were predicted before", done.finished_before));
     }
@@ -42,6 +43,7 @@ pub(super) fn again(args: &PredictArgs) -> String {
         }
     }
     add("k", args.k.map(|k| k.to_string()));
+    add("precision", args.precision.map(|precision| precision.to_string()));
     line + &args.road.words()
 }
 

@@ -38,7 +38,7 @@ pub(crate) fn difference(model: &Gnp, observations: &[Observation<'_>], k: usize
 }
 
 /// Everything that any row of the first two vehicles shows.
-fn observations(recording: &Recording) -> Vec<Observation<'_>> {
+pub(crate) fn observations(recording: &Recording) -> Vec<Observation<'_>> {
     let rows = |track: usize| recording.tracks()[track].rows.clone().map(move |row| (track, row));
     let all = [0, 1].into_iter().flat_map(rows);
     all.filter_map(|(track, row)| Observation::new(recording, SHAPE, track, row).ok()).collect()

@@ -5,6 +5,7 @@
 
 mod explained;
 mod into;
+mod precision;
 mod terms_off;
 mod trust;
 
@@ -148,13 +149,17 @@ fn traj_config() -> TrajConfig {
 
 /// Checkpoints of untrained networks: `(goal, repulsion)`.
 fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
+    checkpoints_of(features, &goal_config(), &traj_config())
+}
+
+fn checkpoints_of(features: &Features, goal_config: &GoalConfig, traj_config: &TrajConfig) -> (Checkpoint, Checkpoint) {
     let header = Header {
         part: Component::Goal,
         dataset: Dataset::NGSIM,
         simulated: false,
         shape: features.shape(),
         features: features.clone(),
-        goal: Some(goal_config()),
+        goal: Some(goal_config.clone()),
         traj: None,
         seed: 1,
         code_version: "test".to_owned(),
@@ -169,10 +174,11 @@ fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
         weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().clone())).collect()
     };
     let goal = Weights::seeded(1, &Device::Cpu);
-    GoalNet::new(&goal_config(), features.goal_shape(), goal.builder()).unwrap();
+    GoalNet::new(goal_config, features.goal_shape(), goal.builder()).unwrap();
     let force = Weights::seeded(2, &Device::Cpu);
-    SocialForce::new(&traj_config(), force.builder()).unwrap();
-    let repulsion = Header { part: Component::Repulsion, goal: None, traj: Some(traj_config()), ..header.clone() };
+    SocialForce::new(traj_config, force.builder()).unwrap();
+    let traj = Some(traj_config.clone());
+    let repulsion = Header { part: Component::Repulsion, goal: None, traj, ..header.clone() };
     (Checkpoint { header, tensors: named(&goal) }, Checkpoint { header: repulsion, tensors: named(&force) })
 }
 

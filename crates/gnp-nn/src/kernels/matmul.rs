@@ -9,6 +9,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::aligned::Aligned;
+use super::bf16::{self, Pairs};
 use super::lanes::lanes;
 
 /// Rows of a matrix: row `i` begins at `data[i * stride]`.
@@ -61,7 +62,10 @@ pub enum Start<'a> {
 /// A matrix `[depth, width]` in panels: some columns of all rows after each other.
 #[derive(Debug, Default)]
 pub struct Panels {
+    /// Nothing where there are `pairs`.
     data: Aligned,
+    /// The values in bf16.
+    pairs: Option<Pairs>,
     depth: usize,
     width: usize,
     /// Columns of a panel; the last may have fewer.
@@ -92,6 +96,23 @@ impl Panels {
         panels
     }
 
+    /// The same matrix with its values rounded to bf16, which is multiplied with rows that are rounded so, too; sums stay f32.
+    /// Slow where the processor does not [multiply bf16](super::multiplies_bf16).
+    #[must_use]
+    pub fn into_bf16(self) -> Self {
+        if self.pairs.is_some() {
+            return self;
+        }
+        let value = |i: usize, j: usize| {
+            let first = j / self.panel * self.panel;
+            let panel = self.from(first);
+            panel.data[i * panel.stride + j - first]
+        };
+        let Self { depth, width, panel, .. } = self;
+        let pairs = Some(Pairs::pack(depth, width, value));
+        Self { data: Aligned::default(), pairs, depth, width, panel }
+    }
+
     /// Packs into panels of `panel` columns; `fill(i, from, part)` writes what row `i` has from column
     /// `from` on. The memory is that of before, where it suffices.
     #[inline(always)]
@@ -106,6 +127,12 @@ impl Panels {
             }
         }
         (self.depth, self.width, self.panel) = (depth, width, panel);
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn depth(&self) -> usize {
+        self.depth
     }
 
     /// Number of columns.
@@ -124,6 +151,9 @@ impl Panels {
 /// `y` `[count, width]` = `start` + `x` `[count, depth]` times `weights` `[depth, width]`, with negative
 /// values set to 0 if `relu`.
 pub fn product(count: usize, x: Rows<'_>, weights: &Panels, start: Start<'_>, relu: bool, y: RowsMut<'_>) {
+    if let Some(pairs) = &weights.pairs {
+        return bf16::product(count, x, pairs, start, relu, y);
+    }
     let sizes = [count, weights.depth, weights.width];
     Arch::new().dispatch(Product::<false> { sizes, a: x, b: Matrix::Panels(weights), start, relu, c: y });
 }

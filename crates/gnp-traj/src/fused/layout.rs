@@ -3,7 +3,8 @@
 use std::convert::Infallible;
 use std::ops::Range;
 
-use gnp_nn::kernels::{Panels, Picked, Rows, Scratch, outer_sum, padded};
+use gnp_nn::Precision;
+use gnp_nn::kernels::{LINE, Panels, Picked, Rows, Scratch, outer_sum, padded};
 use rayon::prelude::*;
 
 use super::cuts::Cuts;
@@ -55,6 +56,11 @@ impl Dense {
         parts.saturating_sub(1) * padded(each) + each
     }
 
+    /// Whether its products are faster in bf16: rows of a line or two cost as much to round as that saves.
+    fn gains_by_bf16(&self) -> bool {
+        self.depth() > 2 * LINE && self.outputs() > LINE
+    }
+
     /// Where its weights begin in the flat vector; they end where those of the next map begin.
     fn start(&self) -> usize {
         self.inputs.first().map_or(0, |part| part.offset)
@@ -98,8 +104,8 @@ pub(crate) struct Packed {
 }
 
 impl Packed {
-    /// Packs the weights of one map; those of the adjoint only if there will be one.
-    pub(crate) fn new(dense: &Dense, flat: &[f32], adjoint: bool) -> Self {
+    /// Packs the weights of one map; those of the adjoint only if there will be one. Maps that do not gain stay in f32.
+    pub(crate) fn new(dense: &Dense, flat: &[f32], adjoint: bool, precision: Precision) -> Self {
         let (inputs, outputs) = (dense.inputs(), dense.outputs());
         let mut matrix = vec![0.; outputs * inputs];
         dense.stretches(|range, output, input| {
@@ -112,6 +118,10 @@ impl Packed {
             }
         });
         let forward = Panels::pack_transposed(&matrix, inputs, dense.depth(), outputs);
+        let forward = match precision {
+            Precision::Bf16 if dense.gains_by_bf16() => forward.into_bf16(),
+            _ => forward,
+        };
         let backward = Panels::pack(&matrix, if adjoint { dense.used_outputs() } else { 0 }, inputs);
         Self { forward, bias, backward, inputs }
     }
@@ -189,8 +199,8 @@ impl Layout {
     }
 
     /// The flat weights packed, maps side by side; those of the adjoint only if there will be one.
-    pub(crate) fn packed(&self, flat: &[f32], adjoint: bool) -> Net<Packed> {
-        self.maps.par_map(|dense| Packed::new(dense, flat, adjoint))
+    pub(crate) fn packed(&self, flat: &[f32], adjoint: bool, precision: Precision) -> Net<Packed> {
+        self.maps.par_map(|dense| Packed::new(dense, flat, adjoint, precision))
     }
 
     /// Adds the gradients of chunks, in their order, to the flat one; maps side by side.

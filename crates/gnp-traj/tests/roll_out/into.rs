@@ -21,7 +21,7 @@ fn scene_with_far_lines(windows: usize, goals: usize, seed: u64) -> Outcome<Roll
     Ok(RollOutBatch { lines: Some(Lines { lines, present }), ..scene(windows, goals, seed)? })
 }
 
-fn plain(batch: &RollOutBatch) -> Outcome<RollOutValues> {
+pub(crate) fn plain(batch: &RollOutBatch) -> Outcome<RollOutValues> {
     let (windows, t_obs, _) = batch.observed.dims3()?;
     let mut plain = RollOutValues {
         windows,

@@ -8,5 +8,6 @@ mod gradients;
 mod into;
 mod padding;
 mod physics;
+mod precision;
 mod scenes;
 mod terms;

@@ -17,8 +17,8 @@ const OF_TWO_TYPES: [&str; 1] = ["predict.trust"];
 const WHOLE: [&str; 5] =
     ["windows.site_stride_s", "split.sites", "goal.schedule", "attraction.schedule", "repulsion.schedule"];
 
-/// Keys that need not be there: without them the data says it all.
-const OPTIONAL: [&str; 2] = ["data.road", "data.lane_lines"];
+/// Keys that need not be there: without them the data says it all, or the run was made before there was the key.
+const OPTIONAL: [&str; 3] = ["data.road", "data.lane_lines", "predict.precision"];
 
 /// What keys were called before, by their last part, and what they are called now.
 const RENAMED: [(&str, &str); 7] = [
@@ -92,7 +92,8 @@ pub(crate) fn check(table: &Table, reference: &Table) -> Result<()> {
             return Err(unknown(&path, &known));
         }
     }
-    if let Some(path) = known.iter().find(|path| get(table, path).is_none()) {
+    let needed = |path: &&String| !OPTIONAL.contains(&path.as_str()) && get(table, path).is_none();
+    if let Some(path) = known.iter().find(needed) {
         let example = get(reference, path).map(ToString::to_string).unwrap_or_default();
         bail!(
             Config,

@@ -2,12 +2,13 @@
 
 use gnp_data::{Dataset, TrackOptions};
 use gnp_file::sha256;
-use gnp_model::ModelCard;
+use gnp_model::Precision;
 use serde::{Deserialize, Serialize};
 
 use super::PredictRequest;
 use super::moments::At;
 use crate::error::Result;
+use crate::model::Model;
 
 /// Model and options.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,6 +19,8 @@ pub(super) struct Job {
     model: String,
     /// SHA-256 of its weights and settings.
     model_sha256: String,
+    #[serde(default)]
+    precision: Precision,
     at: At,
     k: usize,
     format: Dataset,
@@ -30,7 +33,8 @@ impl Job {
     ///
     /// # Errors
     /// When the settings of the card or the road have no JSON form.
-    pub(super) fn new(card: &ModelCard, request: &PredictRequest, k: usize, format: Dataset) -> Result<Self> {
+    pub(super) fn new(model: &Model, request: &PredictRequest, k: usize, format: Dataset) -> Result<Self> {
+        let card = model.card();
         let TrackOptions { rate_hz, road, lines } = &request.tracks;
         let road = serde_json::to_string(&(rate_hz, road, lines))?;
         let settings = serde_json::to_string(&(&card.predict, &card.files))?;
@@ -38,6 +42,7 @@ impl Job {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             model: card.name.clone(),
             model_sha256: sha256([settings.as_bytes()]),
+            precision: model.gnp().precision(),
             at: request.at.clone(),
             k,
             format,
@@ -49,6 +54,7 @@ impl Job {
     pub(super) fn difference(&self, earlier: &Self) -> Option<&'static str> {
         let pairs = [
             (self.model_sha256 == earlier.model_sha256 && self.model == earlier.model, "another model"),
+            (self.precision == earlier.precision, "another precision"),
             (self.at == earlier.at, "other times"),
             (self.k == earlier.k, "another number of futures"),
             (self.road_sha256 == earlier.road_sha256, "another road"),

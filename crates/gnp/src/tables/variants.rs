@@ -188,7 +188,8 @@ impl Variant {
                 Gnp::new(modes, &goal, Some(&force), neighbours, device)?
             }
         };
-        let gnp = gnp.selecting(changed.predict.selection).trusting(changed.predict.trust)?;
+        let predict = &changed.predict;
+        let gnp = gnp.selecting(predict.selection).trusting(predict.trust)?.with_precision(predict.precision)?;
         Ok(match self.input {
             Input::Past | Input::Joint => System::predictor(self.name, gnp),
             Input::Neighbours => System::oracle(self.name, gnp.oracle()),
