@@ -122,6 +122,8 @@ pub(crate) fn parse<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
 
 fn not_asked_for(error: serde_path_to_error::Error<serde_json::Error>) -> Problem {
     // Where the value as a whole is wrong the path is a dot; a field may have an empty name.
-    let field = Some(error.path().to_string()).filter(|path| path != "." && !path.is_empty()).unwrap_or_else(|| "body".to_owned());
+    let field = Some(error.path().to_string())
+        .filter(|path| path != "." && !path.is_empty())
+        .unwrap_or_else(|| "body".to_owned());
     Problem::at(ProblemKind::InvalidRequest, field, error.into_inner().to_string())
 }

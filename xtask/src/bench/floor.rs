@@ -7,11 +7,10 @@
 
 use anyhow::Result;
 use candle_core::{Device, Tensor};
-use gnp_data::SLOTS;
 use gnp_traj::TrajConfig;
 
 use super::clock;
-use super::networks::{Lengths, PRESENT};
+use super::networks::Lengths;
 
 /// Side of the square product that is timed.
 const SIDE: usize = 2048;
@@ -46,14 +45,13 @@ fn layers(widths: &[usize]) -> f64 {
     widths.windows(2).map(|pair| dense(pair[0], pair[1])).sum()
 }
 
-/// Operations to roll one window out to `goals` goals.
-pub(super) fn traj(lengths: Lengths, goals: usize) -> f64 {
+/// Operations to roll one window with `taken` neighbours out to `goals` goals.
+pub(super) fn traj(lengths: Lengths, taken: f64, goals: usize) -> f64 {
     let cfg = TrajConfig::published();
     let encoder = |inputs: usize| layers(&[&[inputs], &cfg.encoder[..], &[cfg.latent_dim]].concat());
     let head = layers(&[&[2 * cfg.latent_dim], &cfg.decoder[..], &[1]].concat());
     let front = dense(4, cfg.embedding) + dense(cfg.embedding + cfg.hidden, 4 * cfg.hidden);
     let (observed, predicted, goals) = (lengths.observed as f64, lengths.predicted as f64, goals as f64);
-    let taken = PRESENT * SLOTS as f64;
     // The first predicted step starts from the history's last state.
     let fronts = 2. * front * (observed + goals * (predicted - 1.));
     let codes = goals * (encoder(2) + predicted * 2. * dense(cfg.hidden, cfg.latent_dim));
@@ -61,11 +59,10 @@ pub(super) fn traj(lengths: Lengths, goals: usize) -> f64 {
     fronts + codes + heads + predicted * taken * encoder(4)
 }
 
-/// Operations of the goal network for one window of which `goals` goals are decoded.
-pub(super) fn goal(lengths: Lengths, goals: usize) -> f64 {
+/// Operations of the goal network for one window with `taken` neighbours, of which `goals` goals are decoded.
+pub(super) fn goal(lengths: Lengths, taken: f64, goals: usize) -> f64 {
     let [width, hidden, blocks] = GOAL;
     let Lengths { observed, predicted, modes, .. } = lengths;
-    let taken = PRESENT * SLOTS as f64;
     let (tokens, picked) = (modes as f64, goals as f64);
     let map = dense(width, width);
     // Scores and weighted values of every query against every key.
@@ -87,19 +84,19 @@ mod tests {
         // A step: two LSTMs of 320 by 1024, heads of 279 040 weights for tau and 5.2 neighbours.
         let step = 2. * 2. * (320. * 1024. + 4. * 64.) + 6.2 * 2. * 279_040. + 5.2 * 2. * 20_736. + 2. * 2. * 4096.;
         let whole = 50. * step + 29. * 4. * (320. * 1024. + 4. * 64.);
-        assert!((traj(NGSIM, 1) / whole - 1.).abs() < 0.001, "{} {whole}", traj(NGSIM, 1));
+        assert!((traj(NGSIM, 5.2, 1) / whole - 1.).abs() < 0.001, "{} {whole}", traj(NGSIM, 5.2, 1));
     }
 
     #[test]
     fn more_goals_share_the_history() {
-        let (one, twenty) = (traj(HIGHD, 1), traj(HIGHD, 20));
+        let (one, twenty) = (traj(HIGHD, 5.2, 1), traj(HIGHD, 5.2, 20));
         assert!(twenty < 20. * one && twenty > 15. * one);
-        assert!(goal(NGSIM, 20) < 1.2 * goal(NGSIM, 1), "the encoder, the larger part, is the same");
+        assert!(goal(NGSIM, 5.2, 20) < 1.2 * goal(NGSIM, 5.2, 1), "the encoder, the larger part, is the same");
     }
 
     #[test]
     fn longer_windows_and_more_modes_cost_more() {
-        assert!(traj(HIGHD, 1) > 2. * traj(NGSIM, 1));
-        assert!(goal(HIGHD, 1) > 2. * goal(NGSIM, 1));
+        assert!(traj(HIGHD, 5.2, 1) > 2. * traj(NGSIM, 5.2, 1));
+        assert!(goal(HIGHD, 5.2, 1) > 2. * goal(NGSIM, 5.2, 1));
     }
 }

@@ -16,7 +16,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Share of neighbour slots that are taken.
-pub(super) const PRESENT: f64 = 0.65;
+const PRESENT: f64 = 0.65;
 /// Goals a window where several are asked for.
 pub(super) const GOALS: usize = 20;
 
@@ -81,6 +81,11 @@ impl Draw {
     }
 }
 
+/// Slots that are taken of `present` `[windows, SLOTS]`, in the mean over windows.
+fn mean_taken(present: &Tensor) -> Result<f64> {
+    Ok(f64::from(present.mean_all()?.to_scalar::<f32>()?) * SLOTS as f64)
+}
+
 /// The neural social force and a batch of windows.
 #[derive(Clone, Debug)]
 pub(super) struct Traj {
@@ -113,6 +118,11 @@ impl Traj {
         let truth = draw.values(&[windows, 1, predicted, 2], 1.)?;
         let network = Twice::new(device, |vb| Ok(SocialForce::new(&TrajConfig::published(), vb)?))?;
         Ok(Self { network, one, many, truth })
+    }
+
+    /// Neighbours of a window that are there, in the mean.
+    pub(super) fn taken(&self) -> Result<f64> {
+        self.one.neighbours.as_ref().map_or(Ok(0.), |neighbours| mean_taken(&neighbours.present))
     }
 
     /// The same with constant weights that are packed once, in that precision.
@@ -251,6 +261,11 @@ impl Goal {
         let inputs = [&self.observed, &self.neighbours, &self.mask, &self.truth];
         let network = self.network(engine);
         Ok(network.of_weights(&self.loss(&network.learning, inputs, &self.one)?.backward()?))
+    }
+
+    /// Neighbours of a window that are there, in the mean.
+    pub(super) fn taken(&self) -> Result<f64> {
+        mean_taken(&self.mask)
     }
 
     /// Windows of the batch.

@@ -98,7 +98,8 @@ pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
             jax.add(python.measure("jax_traj.py", &options)?);
         }
     }
-    let comparison = Comparison::new([threads, windows], [ours.medians(), torch.medians(), jax.medians()], rate);
+    let times = [ours.medians(), torch.medians(), jax.medians()];
+    let comparison = Comparison::new([threads, windows], times, floors(rate, windows)?);
     terminal.result(&format!(
         "Milliseconds per window, {windows} windows, published sizes, {threads} thread(s), median of {rounds} round(s); \
          load average {load}.\n{}.\nFloor: operations at {:.0} GFLOP/s, the fastest large f32 product of this run.\n{}",
@@ -143,28 +144,31 @@ fn measure(lengths: Lengths, windows: usize, precision: Precision) -> Result<Mil
 }
 
 /// The floor of everything that is measured, in ms per window, at `rate` operations a second.
-fn floors(rate: f64) -> Milliseconds {
-    let of = |lengths: Lengths| {
-        let counts = [
-            ("traj.forward", floor::traj(lengths, 1)),
-            ("traj.train", 3. * floor::traj(lengths, 1)),
-            ("traj.forward_k20", floor::traj(lengths, GOALS)),
-            ("goal.forward", floor::goal(lengths, GOALS)),
-            ("goal.train", 3. * floor::goal(lengths, 1)),
-        ];
-        counts.map(|(key, operations)| (format!("{}.{key}", lengths.name), operations / rate * 1e3))
-    };
-    [NGSIM, HIGHD].into_iter().flat_map(of).collect()
+fn floors(rate: f64, windows: usize) -> Result<Milliseconds> {
+    let mut floors = Milliseconds::new();
+    for lengths in [NGSIM, HIGHD] {
+        let (near, seen) = (Traj::new(lengths, windows)?.taken()?, Goal::new(lengths, windows)?.taken()?);
+        for (key, operations) in [
+            ("traj.forward", floor::traj(lengths, near, 1)),
+            ("traj.train", 3. * floor::traj(lengths, near, 1)),
+            ("traj.forward_k20", floor::traj(lengths, near, GOALS)),
+            ("goal.forward", floor::goal(lengths, seen, GOALS)),
+            ("goal.train", 3. * floor::goal(lengths, seen, 1)),
+        ] {
+            floors.insert(format!("{}.{key}", lengths.name), operations / rate * 1e3);
+        }
+    }
+    Ok(floors)
 }
 
 impl Comparison {
-    fn new([threads, windows]: [usize; 2], [ours, torch, jax]: [Milliseconds; 3], rate: f64) -> Self {
+    fn new([threads, windows]: [usize; 2], [ours, torch, jax]: [Milliseconds; 3], floor: Milliseconds) -> Self {
         let over = |theirs: &Milliseconds| -> Milliseconds {
             let ratio = |(key, theirs): (&String, &f64)| Some((key.clone(), theirs / ours.get(key)?));
             theirs.iter().filter_map(ratio).collect()
         };
         let (ratio, jax_ratio) = (over(&torch), over(&jax));
-        Self { unit: "ms per window", threads, windows, ours, torch, jax, ratio, jax_ratio, floor: floors(rate) }
+        Self { unit: "ms per window", threads, windows, ours, torch, jax, ratio, jax_ratio, floor }
     }
 
     /// One row for each of ours; the columns of others with `peers`.
@@ -202,11 +206,14 @@ mod tests {
         let ours = times(&[("ngsim.traj.train", 4.), ("ngsim.goal.train", 2.)]);
         let torch = times(&[("ngsim.traj.train", 20.), ("ngsim.goal.train", 3.)]);
         let jax = times(&[("ngsim.traj.train", 12.)]);
-        let both = Comparison::new([2, 64], [ours, torch, jax], 1e11);
+        let both = Comparison::new([2, 64], [ours, torch, jax], times(&[("ngsim.traj.train", 3.2)]));
         assert_eq!(both.ratio, times(&[("ngsim.traj.train", 5.), ("ngsim.goal.train", 1.5)]));
         assert_eq!(both.jax_ratio, times(&[("ngsim.traj.train", 3.)]));
         let text = both.table(true);
-        assert!(text.contains("JAX") && text.contains("20.00") && text.contains("5.00"), "{text}");
+        assert!(
+            text.contains("JAX") && text.contains("20.00") && text.contains("5.00") && text.contains("1.25"),
+            "{text}"
+        );
         assert!(!both.table(false).contains("JAX"));
     }
 
