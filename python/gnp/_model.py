@@ -156,8 +156,9 @@ def load(
 
     Args:
         path: where it is; None is the one that comes with the package.
-        precision: what its networks multiply in: "f32", or "bf16", which takes a processor with AVX512-BF16 and rounds what is
-            multiplied to 8 bits; None is f32 but for a run that says otherwise.
+        precision: what the networks of its force multiply in: "f32", or "bf16", which takes a processor with AVX512-BF16 and
+            rounds what is multiplied to 8 bits: faster, and paths differ by millimetres; None is f32 but for a run that says
+            otherwise.
 
     Raises:
         gnp.ModelError: when there is none, a file of it differs from what was written, or the processor does not multiply bf16.

@@ -204,7 +204,7 @@ pub(crate) struct BenchArgs {
     /// Windows in a batch; the published comparison has 64.
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = positive, conflicts_with_all = ["check", "frame"])]
     pub(crate) windows: usize,
-    /// What networks multiply in when they predict: with bf16 a frame is predicted so, and networks in both, in turn.
+    /// What the force's networks multiply in when they predict: with bf16 a frame is predicted so, and roll-outs in both, in turn.
     #[arg(long, value_name = "P", default_value_t = Precision::F32, conflicts_with_all = ["check", "roofline", "gpu"])]
     pub(crate) precision: Precision,
     /// No progress, only tables.

@@ -32,9 +32,6 @@ pub enum GoalError {
         /// How many there are.
         modes: usize,
     },
-    /// The processor does not multiply in the precision asked for.
-    #[error(transparent)]
-    Precision(#[from] gnp_nn::PrecisionError),
     /// candle's own failure.
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),

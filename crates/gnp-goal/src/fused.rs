@@ -17,7 +17,6 @@ mod window;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use candle_core::{CpuStorage, CustomOp3, DType, Layout, Result, Shape as Dims, Tensor};
-use gnp_nn::Precision;
 use gnp_nn::kernels::{Aligned, Pool, add_rows, read, values};
 use rayon::prelude::*;
 
@@ -79,7 +78,6 @@ pub(crate) struct FusedTransformer {
     pub(crate) picked: Picked,
     /// Masks of this step, of the encoder's blocks and then of the decoder.
     pub(crate) masks: Vec<BlockMasks>,
-    pub(crate) precision: Precision,
 }
 
 impl FusedTransformer {
@@ -118,14 +116,8 @@ impl FusedTransformer {
         let tokens = Tensor::cat(&[modes, observed], 0)?;
         let keys = keys.contiguous()?;
         let keep = tokens.track_op() || keys.track_op() || flat.track_op();
-        if keep && self.precision == Precision::Bf16 {
-            candle_core::bail!(
-                "transformer: products in bf16 pass no gradient; take f32, or detached weights and inputs"
-            );
-        }
-        let Self { picked, masks, memory, precision, .. } = self;
-        let left = Mutex::default();
-        let operation = Operation { shape, batch, picked, masks, precision, present, keep, memory, left };
+        let (picked, masks, memory) = (self.picked, self.masks, self.memory);
+        let operation = Operation { shape, batch, picked, masks, present, keep, memory, left: Mutex::default() };
         let out = tokens.apply_op3(&keys, &flat, operation)?;
         let logits = out.narrow(0, 0, batch * modes_count)?.reshape((batch, modes_count))?;
         let decoded = batch * shape.picked * width;
@@ -139,7 +131,6 @@ struct Operation {
     batch: usize,
     picked: Picked,
     masks: Vec<BlockMasks>,
-    precision: Precision,
     /// Which keys exist, `[batch, keys]`.
     present: Vec<bool>,
     /// Whether there will be a gradient.
@@ -213,7 +204,7 @@ impl Operation {
     fn forward(&self, given: &Given<'_>) -> Vec<f32> {
         let Shape { modes, picked, width, .. } = self.shape;
         let transformer = Transformer::new(self.shape, given.weights, &self.masks);
-        let turned = transposed(given.weights, &self.shape, self.precision);
+        let turned = transposed(given.weights, &self.shape);
         let mut out = vec![0f32; self.batch * (modes + picked * width)];
         let (logits, decoded) = out.split_at_mut(self.batch * modes);
         let (group, pool) = (self.group(), &self.memory.pool);
@@ -277,7 +268,7 @@ impl Operation {
                     let window = self.window(given, index, &keys);
                     let chosen = self.picked.of_window(index, &out[index * modes..][..modes]);
                     let kept = left.take().unwrap_or_else(|| {
-                        let turned = turned.get_or_init(|| transposed(given.weights, &self.shape, self.precision));
+                        let turned = turned.get_or_init(|| transposed(given.weights, &self.shape));
                         let mut kept = pool.take(self.shape.kept_values());
                         let (mut logits, mut decoded) = (vec![0f32; modes], vec![0f32; picked * width]);
                         let out = (&mut *logits, &mut *decoded);

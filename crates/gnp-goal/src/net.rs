@@ -2,7 +2,7 @@
 
 use candle_core::{D, Tensor};
 use candle_nn::{Init, Linear, Module, VarBuilder};
-use gnp_nn::{Dropout, LaunchCache, Precision, linear};
+use gnp_nn::{Dropout, LaunchCache, linear};
 
 use crate::block::{Block, BlockMasks};
 use crate::config::{GoalConfig, GoalShape, ProbabilityHead, Regression};
@@ -25,7 +25,6 @@ pub struct GoalNet {
     pub(crate) null_token: Option<Tensor>,
     pub(crate) slot: Option<Tensor>,
     graph: bool,
-    pub(crate) precision: Precision,
     pub(crate) memory: Memory,
 }
 
@@ -88,7 +87,6 @@ impl GoalNet {
             config: config.clone(),
             shape,
             graph: false,
-            precision: Precision::F32,
             memory: Memory::default(),
         })
     }
@@ -99,22 +97,6 @@ impl GoalNet {
     pub fn as_graph(mut self) -> Self {
         self.graph = true;
         self
-    }
-
-    /// The same network with the products of its transformer in another precision, for prediction on the CPU alone. In bf16 what
-    /// it gives differs by rounding to 8 bits, and passes no gradient.
-    ///
-    /// # Errors
-    /// [`GoalError::Precision`] where the processor does not multiply in it.
-    pub fn in_precision(self, precision: Precision) -> Result<Self, GoalError> {
-        precision.check()?;
-        Ok(Self { precision, ..self })
-    }
-
-    /// What its transformer multiplies in.
-    #[must_use]
-    pub fn precision(&self) -> Precision {
-        self.precision
     }
 
     /// Logits of all modes, and futures of those that `pick` names.
@@ -131,7 +113,7 @@ impl GoalNet {
     ///
     /// # Errors
     /// When a shape differs from the network's (the message has both), or a mode is picked that does
-    /// not exist; in bf16 when a gradient is asked for.
+    /// not exist.
     pub fn forward(
         &self,
         observed: &Tensor,
@@ -152,10 +134,6 @@ impl GoalNet {
         let tokens = [&embedded, &observed, &keys, &mask];
         let (logits, decoded, indices) = if !self.graph && fused::runs_on(&embedded) {
             self.fused(tokens, picked, masks)?
-        } else if self.precision == Precision::Bf16 {
-            let remedy = "the graph of candle's operations multiplies in f32; take the fused form on a CPU, or f32";
-            let (value, remedy) = (self.precision.to_string(), remedy.to_owned());
-            return Err(GoalError::Setting { key: "precision", value, remedy });
         } else {
             self.graph(tokens, &picked, &masks)?
         };
@@ -185,7 +163,6 @@ impl GoalNet {
             probability: self.config.probability,
             picked: picked.clone(),
             masks,
-            precision: self.precision,
         };
         let (logits, decoded) = transformer.apply(tokens, &weights)?;
         let indices = picked.indices(&logits)?;

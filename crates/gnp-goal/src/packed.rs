@@ -91,7 +91,7 @@ fn flat(tensor: &Tensor) -> CandleResult<Vec<f32>> {
 
 impl GoalNet {
     /// The network with `modes` `[modes, t_pred, 2]`, in the unit of [`GoalNet::predict`], for prediction window by window
-    /// without allocations, in its [precision](GoalNet::precision).
+    /// without allocations.
     ///
     /// # Errors
     /// [`GoalError::Shape`] for modes of another shape; candle's, also for a network that is not on the CPU.
@@ -130,7 +130,7 @@ impl GoalNet {
             observed: Affine::of(&self.observed, self.config.width)?,
             neighbour: Affine::of(&self.neighbour, self.config.width)?,
             end: Affine::of(&self.goal, 2)?,
-            turned: transposed(&weights, &transformer, self.precision),
+            turned: transposed(&weights, &transformer),
             weights,
             slot: self.slot.as_ref().map(flat).transpose()?,
             null_token: self.null_token.as_ref().map(flat).transpose()?,

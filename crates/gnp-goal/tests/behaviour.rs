@@ -2,12 +2,11 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
 use candle_core::{DType, Device, Tensor};
-use candle_nn::VarBuilder;
 use gnp_goal::{
     GoalConfig, GoalError, GoalNet, GoalOutput, GoalShape, GoalWorkspace, LabelConfig, LabelDistance, Labels,
     LossWeights, Pick, ProbabilityHead, Regression, goal_loss, labels,
 };
-use gnp_nn::{Dropout, Precision, PrecisionError, Weights};
+use gnp_nn::{Dropout, Weights};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -142,48 +141,6 @@ fn a_packed_network_ends_where_the_network_does() {
             }
             assert_eq!((found.points.len(), found.probabilities.len()), (MODES, MODES));
         }
-    }
-}
-
-/// Wide enough to be multiplied in bf16, in a window without neighbours, too.
-#[test]
-fn a_network_in_bf16_is_near_that_in_f32_or_refused() {
-    for config in [published(), ours()] {
-        let mut case = Case::new(&GoalConfig { width: 48, ..config });
-        let exact = case.run(&Pick::All);
-        let constant = {
-            let named = case.weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().detach()));
-            let vb = VarBuilder::from_tensors(named.collect(), DType::F32, &Device::Cpu);
-            GoalNet::new(case.net.config(), SHAPE, vb).unwrap()
-        };
-        case.net = match (constant.clone().in_precision(Precision::Bf16), Precision::Bf16.check()) {
-            (Ok(net), Ok(())) => net,
-            (Err(GoalError::Precision(PrecisionError::NoInstruction)), Err(_)) => continue,
-            (found, here) => panic!("{found:?}, {here:?}"),
-        };
-        let found = case.run(&Pick::All);
-        for (found, wanted) in [(&found.logits, &exact.logits), (&found.futures, &exact.futures)] {
-            let off = values(&(found - wanted).unwrap().abs().unwrap()).into_iter().fold(0f32, f32::max);
-            assert!(off > 0. && off < 0.03, "{off}");
-        }
-        let packed = case.net.packed(&case.modes).unwrap();
-        let goals = case.net.predict(&case.observed, &case.neighbours, &case.mask, &case.modes, MODES).unwrap();
-        for window in 0..BATCH {
-            let [observed, neighbours, mask, probabilities] =
-                [&case.observed, &case.neighbours, &case.mask, &goals.probabilities]
-                    .map(|of_all| values(&of_all.get(window).unwrap()));
-            let present: Vec<bool> = mask.iter().map(|there| *there > 0.).collect();
-            let mut work = GoalWorkspace::default();
-            let found = packed.predict(&observed, &neighbours, &present, &mut work).unwrap();
-            assert!(found.probabilities.iter().zip(&probabilities).all(|(a, b)| (a - b).abs() < 0.01));
-        }
-        let run = |net: &GoalNet| {
-            net.forward(&case.observed, &case.neighbours, &case.mask, &case.modes, &Pick::All, None).map(drop)
-        };
-        assert!(matches!(run(&case.net.clone().as_graph()), Err(GoalError::Setting { key: "precision", .. })));
-        let learning = GoalNet::new(case.net.config(), SHAPE, case.weights.builder()).unwrap();
-        let error = run(&learning.in_precision(Precision::Bf16).unwrap()).unwrap_err();
-        assert!(error.to_string().contains("no gradient"), "{error}");
     }
 }
 

@@ -130,7 +130,7 @@ pub struct PredictConfig {
     pub selection: Selection,
     /// How much of what the network expects on average beyond the reference path is believed.
     pub trust: Trust,
-    /// What the networks multiply in. Not written where it is f32, so that a run is what it was before there was a choice.
+    /// What the force's networks multiply in. Not written where it is f32, so that a run is what it was before there was a choice.
     #[serde(default, skip_serializing_if = "Precision::is_f32")]
     pub precision: Precision,
     /// Futures a window in `predictions.parquet`; one that a protocol of `[evaluate]` asks for.

@@ -44,7 +44,7 @@ impl Model {
         }
     }
 
-    /// The same model with the products of its networks in another precision: [`Gnp::with_precision`].
+    /// The same model with the products of its force's networks in another precision: [`Gnp::with_precision`].
     ///
     /// # Errors
     /// As there.

@@ -43,7 +43,7 @@ pub struct PredictRequest {
     /// Pieces that are worked on at once, each on a thread of its own; as many as there are threads where it is not given.
     /// The output does not depend on it.
     pub jobs: Option<usize>,
-    /// What the model's networks multiply in; as the model is set where it is not given, which is f32 but for a run in bf16.
+    /// What the networks of the model's force multiply in; as the model is set where it is not given, which is f32 but for a run in bf16.
     pub precision: Option<Precision>,
 }
 

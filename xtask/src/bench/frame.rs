@@ -180,7 +180,7 @@ impl Parts {
         };
         let traj = Some(config.traj.clone());
         let force = Header { part: Component::Repulsion, goal: None, traj, ..header.clone() };
-        let goal_net = GoalNet::new(&config.goal.net, features.goal_shape(), of_goal)?.in_precision(precision)?;
+        let goal_net = GoalNet::new(&config.goal.net, features.goal_shape(), of_goal)?;
         let social_force = SocialForce::new(&config.traj, of_force)?.frozen_in(precision)?;
         let [goal, repulsion] = tensors;
         let goal = Checkpoint { header, tensors: goal };

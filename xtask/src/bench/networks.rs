@@ -174,7 +174,7 @@ impl<N> Twice<N> {
 }
 
 /// The goal network and a batch of windows.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Goal {
     fused: Twice<GoalNet>,
     graph: Twice<GoalNet>,
@@ -225,13 +225,6 @@ impl Goal {
             many: Pick::Indices(draw.indices((windows, GOALS), modes)?),
             one: Pick::Indices(draw.indices((windows, 1), modes)?),
         })
-    }
-
-    /// The same with constant weights in that precision.
-    pub(super) fn frozen(&self, precision: Precision) -> Result<Self> {
-        let mut frozen = self.clone();
-        frozen.fused.constant = self.fused.constant.clone().in_precision(precision)?;
-        Ok(frozen)
     }
 
     fn network(&self, engine: Engine) -> &Twice<GoalNet> {

@@ -45,7 +45,7 @@ pub(super) fn run(terminal: &Terminal) {
     let here = Precision::ALL.into_iter().filter(|precision| precision.check().is_ok());
     let products: Vec<Vec<String>> = here.flat_map(products).collect();
     let name = |(name, inputs, outputs, count): (&str, usize, usize, usize)| {
-        format!("{name}, {} of f32", size(inputs * outputs * count / 256))
+        format!("{name}, {}", size(inputs * outputs * count / 256))
     };
     let header = ["rows".to_owned()].into_iter().chain(PRODUCTS.map(name)).collect();
     terminal.result(&format!(

@@ -29,7 +29,7 @@ pub(super) struct Plan {
     peers: bool,
     json: bool,
     python: Option<PathBuf>,
-    /// What predicting networks multiply in beside f32.
+    /// What roll-outs multiply in beside f32.
     precision: Precision,
 }
 
@@ -113,7 +113,7 @@ pub(super) fn run(plan: &Plan, terminal: &Terminal) -> Result<()> {
     Ok(())
 }
 
-/// Ours, in ms per window; where `precision` is not f32, also what predicts in both, on weights that are packed before.
+/// Ours, in ms per window; where `precision` is not f32, also roll-outs in both, on weights that are packed before.
 fn measure(lengths: Lengths, windows: usize, precision: Precision) -> Result<Milliseconds> {
     let (traj, goal) = (Traj::new(lengths, windows)?, Goal::new(lengths, windows)?);
     let cases: [(&str, usize, Run<'_>); 5] = [
@@ -129,11 +129,10 @@ fn measure(lengths: Lengths, windows: usize, precision: Precision) -> Result<Mil
     };
     let mut times = cases.into_iter().map(median).collect::<Result<Milliseconds>>()?;
     for precision in Precision::ALL.into_iter().filter(|_| precision != Precision::F32) {
-        let (traj, goal) = (traj.frozen(precision)?, goal.frozen(precision)?);
-        let cases: [(&str, usize, Run<'_>); 3] = [
+        let traj = traj.frozen(precision)?;
+        let cases: [(&str, usize, Run<'_>); 2] = [
             ("traj.forward", REPEATS, &|| traj.forward(Engine::Fused)),
             ("traj.forward_k20", 1, &|| traj.forward_many()),
-            ("goal.forward", 5 * REPEATS, &|| goal.forward(Engine::Fused)),
         ];
         for case in cases {
             let (key, ms) = median(case)?;

@@ -39,8 +39,8 @@ pub struct PredictArgs {
     /// Pieces of work at once, each on a thread of its own [default: all cores]; the output does not depend on it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) jobs: Option<u16>,
-    /// What the networks multiply in: f32, or bf16, which takes a processor with AVX512-BF16 and rounds what is multiplied to 8 bits
-    /// [default: f32, or as the run says].
+    /// What the force's networks multiply in: f32, or bf16, which takes a processor with AVX512-BF16 and rounds what is multiplied
+    /// to 8 bits: faster, and paths differ by millimetres [default: f32, or as the run says].
     #[arg(long, value_name = "P")]
     pub(crate) precision: Option<Precision>,
     /// On what.

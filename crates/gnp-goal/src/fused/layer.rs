@@ -145,6 +145,13 @@ pub(crate) struct TokenGradients<'a> {
     pub(crate) keys: Option<&'a mut [f32]>,
 }
 
+/// `rows * map + bias` for rows of `inputs` values and a transposed map, into `to` `[rows, outputs]`.
+fn map(to: &mut [f32], from: &[f32], map: &[f32], bias: &[f32]) {
+    let (inputs, outputs) = (map.len() / bias.len(), bias.len());
+    let (from, map) = (Rows::new(from, inputs), Rows::new(map, outputs));
+    matmul([to.len() / outputs, inputs, outputs], from, map, Start::Bias(bias), RowsMut::new(to, outputs));
+}
+
 /// Adds to the gradients of a map and its bias, for rows of `inputs` and of the gradient of what came out.
 fn map_gradient(d_outputs: &[f32], inputs: &[f32], d: &mut (&mut [f32], &mut [f32])) {
     let outputs = d.1.len();
@@ -174,14 +181,14 @@ impl Layer<'_> {
         let Input { x, keys, first } = input;
         let (t, p, n) = (transposed, &self.parts, keys.len() / self.sizes.width);
         let key_value = &mut kept.key_value[..n * 2 * self.sizes.width];
-        t.query.apply(kept.query, x, p.query.1);
-        t.key_value.apply(key_value, keys, p.key_value.1);
+        map(kept.query, x, &t.query, p.query.1);
+        map(key_value, keys, &t.key_value, p.key_value.1);
         self.sizes.attention().forward(kept.query, key_value, kept.gathered, kept.statistics, room.attention);
-        t.output.apply(kept.normal1, kept.gathered, p.output.1);
+        map(kept.normal1, kept.gathered, &t.output, p.output.1);
         norm(kept.normal1, x, (self.masks.attention, first), p.norm1, kept.scale1, room.between);
-        t.up.apply(kept.hidden, room.between, p.up.1);
+        map(kept.hidden, room.between, &t.up, p.up.1);
         relu(kept.hidden);
-        t.down.apply(kept.normal2, kept.hidden, p.down.1);
+        map(kept.normal2, kept.hidden, &t.down, p.down.1);
         norm(kept.normal2, room.between, (self.masks.feed_forward, first), p.norm2, kept.scale2, out);
     }
 

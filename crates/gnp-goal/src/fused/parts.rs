@@ -1,7 +1,6 @@
 //! All weights of a block as one flat vector, and its parts.
 
-use gnp_nn::Precision;
-use gnp_nn::kernels::{LINE, Panels, Rows, RowsMut, Start, matmul, product, transpose};
+use gnp_nn::kernels::transpose;
 
 /// Weights of a block by part, as slices of one vector; maps are `[out, in]`.
 pub(crate) struct Parts<T> {
@@ -73,48 +72,20 @@ impl<'a> Parts<&'a mut [f32]> {
 /// The maps as `[in, out]`: what the forward pass multiplies with.
 #[derive(Debug)]
 pub(crate) struct Transposed {
-    pub(crate) query: Map,
-    pub(crate) key_value: Map,
-    pub(crate) output: Map,
-    pub(crate) up: Map,
-    pub(crate) down: Map,
-}
-
-/// A map without its bias, `[in, out]`.
-#[derive(Debug)]
-pub(crate) enum Map {
-    F32(Vec<f32>),
-    Bf16(Panels),
-}
-
-impl Map {
-    /// Of a matrix `[out, in]`. In bf16 only where that is faster: rows of a line or two cost as much to round as it saves.
-    fn of(matrix: &[f32], out: usize, input: usize, precision: Precision) -> Self {
-        if precision == Precision::Bf16 && input > 2 * LINE && out > LINE && out.is_multiple_of(LINE) {
-            return Self::Bf16(Panels::pack_transposed(matrix, input, input, out).into_bf16());
-        }
-        let mut to = vec![0.; matrix.len()];
-        transpose(&mut to, out, matrix, input, [out, input], 1.);
-        Self::F32(to)
-    }
-
-    /// `from` `[rows, in]` times the map plus `bias` `[out]`, into `to` `[rows, out]`.
-    pub(crate) fn apply(&self, to: &mut [f32], from: &[f32], bias: &[f32]) {
-        let (outputs, start) = (bias.len(), Start::Bias(bias));
-        let (rows, to) = (to.len() / outputs, RowsMut::new(to, outputs));
-        match self {
-            Self::F32(map) => {
-                let inputs = map.len() / outputs;
-                matmul([rows, inputs, outputs], Rows::new(from, inputs), Rows::new(map, outputs), start, to);
-            }
-            Self::Bf16(map) => product(rows, Rows::new(from, map.depth()), map, start, false, to),
-        }
-    }
+    pub(crate) query: Vec<f32>,
+    pub(crate) key_value: Vec<f32>,
+    pub(crate) output: Vec<f32>,
+    pub(crate) up: Vec<f32>,
+    pub(crate) down: Vec<f32>,
 }
 
 impl Transposed {
-    pub(crate) fn of(parts: &Parts<&[f32]>, width: usize, hidden: usize, precision: Precision) -> Self {
-        let turn = |map: &[f32], out: usize, input: usize| Map::of(map, out, input, precision);
+    pub(crate) fn of(parts: &Parts<&[f32]>, width: usize, hidden: usize) -> Self {
+        let turn = |map: &[f32], out: usize, input: usize| {
+            let mut to = vec![0.; map.len()];
+            transpose(&mut to, out, map, input, [out, input], 1.);
+            to
+        };
         Self {
             query: turn(parts.query.0, width, width),
             key_value: turn(parts.key_value.0, 2 * width, width),

@@ -193,7 +193,6 @@ fn sizes_that_do_not_fit_are_refused() {
             probability: ProbabilityHead::Encoder,
             picked: Pick::All.of_windows(3, 7, &candle_core::Device::Cpu).unwrap(),
             masks: vec![BlockMasks { attention: DropoutMask::NONE, feed_forward: DropoutMask::NONE }; 3],
-            precision: gnp_nn::Precision::F32,
         };
         transformer.apply(tokens, &[weights])
     };

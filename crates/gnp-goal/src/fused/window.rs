@@ -1,6 +1,5 @@
 //! The whole transformer on one window, forward and backward.
 
-use gnp_nn::Precision;
 use gnp_nn::kernels::{Rows, RowsMut, Start, add_rows, add_to_rows, matmul, padded, row_products};
 
 use super::layer::{Input, Kept, Layer, Room, Sizes, TokenGradients, next_mut};
@@ -125,10 +124,10 @@ pub(crate) struct WindowGradients<'a> {
 }
 
 /// The maps of all blocks, turned: of the encoder's in order, then of the decoder.
-pub(crate) fn transposed(weights: &[f32], shape: &Shape, precision: Precision) -> Vec<Transposed> {
+pub(crate) fn transposed(weights: &[f32], shape: &Shape) -> Vec<Transposed> {
     let Shape { width, hidden, .. } = *shape;
     let blocks = weights.chunks_exact(block_weights(width, hidden)).take(shape.layers + 1);
-    blocks.map(|block| Transposed::of(&Parts::of(block, width, hidden), width, hidden, precision)).collect()
+    blocks.map(|block| Transposed::of(&Parts::of(block, width, hidden), width, hidden)).collect()
 }
 
 fn row_range(index: u32, width: usize) -> std::ops::Range<usize> {

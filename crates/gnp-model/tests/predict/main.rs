@@ -149,17 +149,17 @@ fn traj_config() -> TrajConfig {
 
 /// Checkpoints of untrained networks: `(goal, repulsion)`.
 fn checkpoints(features: &Features) -> (Checkpoint, Checkpoint) {
-    checkpoints_of(features, &goal_config(), &traj_config())
+    checkpoints_of(features, &traj_config())
 }
 
-fn checkpoints_of(features: &Features, goal_config: &GoalConfig, traj_config: &TrajConfig) -> (Checkpoint, Checkpoint) {
+fn checkpoints_of(features: &Features, traj_config: &TrajConfig) -> (Checkpoint, Checkpoint) {
     let header = Header {
         part: Component::Goal,
         dataset: Dataset::NGSIM,
         simulated: false,
         shape: features.shape(),
         features: features.clone(),
-        goal: Some(goal_config.clone()),
+        goal: Some(goal_config()),
         traj: None,
         seed: 1,
         code_version: "test".to_owned(),
@@ -174,7 +174,7 @@ fn checkpoints_of(features: &Features, goal_config: &GoalConfig, traj_config: &T
         weights.named().into_iter().map(|(name, var)| (name, var.as_tensor().clone())).collect()
     };
     let goal = Weights::seeded(1, &Device::Cpu);
-    GoalNet::new(goal_config, features.goal_shape(), goal.builder()).unwrap();
+    GoalNet::new(&goal_config(), features.goal_shape(), goal.builder()).unwrap();
     let force = Weights::seeded(2, &Device::Cpu);
     SocialForce::new(traj_config, force.builder()).unwrap();
     let traj = Some(traj_config.clone());

@@ -9,18 +9,19 @@ use super::*;
 /// A model wide enough to be multiplied in bf16.
 fn wide(recording: &Recording, neighbours: NeighbourFuture) -> Gnp {
     let features = features(recording, Representation::Deviation);
-    let goal = GoalConfig { width: 48, ..goal_config() };
     let traj = TrajConfig { hidden: 48, embedding: 40, decoder: vec![64, 64], ..traj_config() };
-    let (goal, force) = checkpoints_of(&features, &goal, &traj);
+    let (goal, force) = checkpoints_of(&features, &traj);
     let gnp = Gnp::new(modes(&features), &goal, Some(&force), neighbours, &Device::Cpu).unwrap();
     gnp.selecting(Selection::Central).explaining(true)
 }
 
-/// Path points by window, future and step.
-fn paths(model: &Gnp, observations: &[Observation<'_>]) -> Vec<f32> {
+/// Probabilities and goals, and path points, by window, future and step.
+fn parts(model: &Gnp, observations: &[Observation<'_>]) -> [Vec<f32>; 2] {
     let forecasts = model.predict(observations, 5).unwrap();
-    let modes = forecasts.iter().flat_map(|forecast| &forecast.modes);
-    modes.flat_map(|mode| mode.path.as_flattened()).copied().collect()
+    let modes = || forecasts.iter().flat_map(|forecast| &forecast.modes);
+    let goal = |mode: &gnp_data::Mode| mode.explanation.as_ref().unwrap().goal;
+    let goals = modes().flat_map(|mode| [mode.probability, goal(mode)[0], goal(mode)[1]]);
+    [goals.collect(), modes().flat_map(|mode| mode.path.as_flattened()).copied().collect()]
 }
 
 #[test]
@@ -34,12 +35,12 @@ fn a_model_in_bf16_is_near_that_in_f32_and_comes_back_to_its_bits() {
         (found, here) => panic!("{found:?}, {here:?}"),
     };
     assert_eq!([rounded.precision(), exact.precision()], [Precision::Bf16, Precision::F32]);
-    let wanted = paths(&exact, &observations);
-    let off = |found: &[f32]| found.iter().zip(&wanted).map(|(a, b)| (a - b).abs()).fold(0f32, f32::max);
-    let most = off(&paths(&rounded, &observations));
+    let [wanted, found] = [&exact, &rounded].map(|model| parts(model, &observations));
+    assert_eq!(found[0], wanted[0], "goals are f32");
+    let most = found[1].iter().zip(&wanted[1]).map(|(a, b)| (a - b).abs()).fold(0f32, f32::max);
     assert!(most > 0. && most < 0.1, "{most} m");
     let back = rounded.clone().with_precision(Precision::F32).unwrap();
-    assert_eq!(paths(&back, &observations), wanted);
+    assert_eq!(parts(&back, &observations), wanted);
 
     let (mut workspace, mut out) = (Workspace::new(), Forecasts::default());
     let most = difference(&rounded, &observations, 5, &mut workspace);
@@ -50,10 +51,17 @@ fn a_model_in_bf16_is_near_that_in_f32_and_comes_back_to_its_bits() {
 }
 
 #[test]
-fn joint_neighbours_are_not_predicted_in_bf16() {
-    let refused = wide(&road(false, false), NeighbourFuture::Joint).with_precision(Precision::Bf16).unwrap_err();
-    match Precision::Bf16.check() {
-        Ok(()) => assert!(matches!(&refused, ModelError::Config { key: "predict.precision", .. }), "{refused}"),
-        Err(_) => assert!(matches!(&refused, ModelError::Precision(_)), "{refused}"),
+fn joint_neighbours_and_goals_alone_are_not_predicted_in_bf16() {
+    let recording = road(false, false);
+    let features = features(&recording, Representation::Deviation);
+    let (goal, _) = checkpoints(&features);
+    let neighbours = NeighbourFuture::ConstantVelocity;
+    let alone = Gnp::new(modes(&features), &goal, None, neighbours, &Device::Cpu).unwrap();
+    for model in [wide(&recording, NeighbourFuture::Joint), alone] {
+        let refused = model.with_precision(Precision::Bf16).unwrap_err();
+        match Precision::Bf16.check() {
+            Ok(()) => assert!(matches!(&refused, ModelError::Config { key: "predict.precision", .. }), "{refused}"),
+            Err(_) => assert!(matches!(&refused, ModelError::Precision(_)), "{refused}"),
+        }
     }
 }

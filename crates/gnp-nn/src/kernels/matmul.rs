@@ -129,12 +129,6 @@ impl Panels {
         (self.depth, self.width, self.panel) = (depth, width, panel);
     }
 
-    /// Number of rows.
-    #[must_use]
-    pub fn depth(&self) -> usize {
-        self.depth
-    }
-
     /// Number of columns.
     #[must_use]
     pub fn width(&self) -> usize {
