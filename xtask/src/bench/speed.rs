@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn everything_that_is_measured_has_a_floor() {
-        let floors = floors(1e11);
+        let floors = floors(1e11, 2).unwrap();
         assert_eq!(floors.len(), 10);
         assert!(floors.values().all(|ms| *ms > 0.));
         assert_eq!(floors["highd.traj.train"], 3. * floors["highd.traj.forward"]);
