@@ -96,7 +96,7 @@ fn forecasts_come_apart_and_scenes_can_be_changed() {
     let cars = vec![AddedCar { at: [7., 0.], speed_mps: 1. }, AddedCar { at: [-90., 40.], speed_mps: 1. }];
     let with_cars = |watch: Option<&str>| {
         let what_if = WhatIf { added: cars.clone(), watch: watch.map(str::to_owned), ..WhatIf::default() };
-        gnp::explain(&run, &Question { what_if, ..asked(&[]) })
+        gnp::explain(&run, &Question { what_if, ..asked(&[]) }).map_err(Box::new)
     };
     let added = with_cars(None).unwrap();
     assert!(
